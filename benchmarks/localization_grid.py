@@ -38,11 +38,10 @@ from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, noise_floor
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.sources.demodulation import Poses
 from tam_calibration.sources.dipole import Dipole
-from tam_calibration.sources.poses import Poses
 
 RESULTS = Path(__file__).parent / "results" / "localization_grid.csv"
 _REGIONAL_T = np.array([1e-6, 20e-6, -45e-6])

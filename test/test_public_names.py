@@ -21,7 +21,7 @@ RESULTS = (
     "tam_calibration.correction.calibration.Corrected",
     "tam_calibration.gap.result.Gap",
     "tam_calibration.localization.solutions.Survey",
-    "tam_calibration.model.residuals.ResidualSeries",
+    "tam_calibration.model.sensor_errors.ResidualSeries",
     "tam_calibration.recordings.inspection_result.Inspection",
     "tam_calibration.simulation.observe.Simulation",
     "tam_calibration.simulation.observe.Scenario",

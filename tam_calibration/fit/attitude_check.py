@@ -29,14 +29,18 @@ from numpy.linalg import norm, pinv
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.agreement import SEEN, TOO_FAR, MotionFit
-from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
-from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
-from tam_calibration.fit.identifiability import require_accurate
+from tam_calibration.fit.contradiction import SEEN, SIGNIFICANT, TOO_FAR, MotionFit, probability_of
+from tam_calibration.fit.estimate import variance_factors
+from tam_calibration.fit.information import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.problem import Known, Problem
-from tam_calibration.fit.recorded_attitude import misread_attitude, strayed, turns_between
-from tam_calibration.fit.slow_residuals import variance_factors
+from tam_calibration.fit.recorded_attitude import (
+    AttitudeLikelihood,
+    WorldView,
+    misread_attitude,
+    strayed,
+    turns_between,
+)
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError, Refused

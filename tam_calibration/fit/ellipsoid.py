@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import LinAlgError, norm
 
-from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.least_squares import gram
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors

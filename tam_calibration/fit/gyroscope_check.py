@@ -18,14 +18,13 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.noise import complete_noise, fast_noise
-from tam_calibration.fit.agreement import FAR, SEEN, TOO_FAR, MotionFit
-from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
+from tam_calibration.fit.contradiction import FAR, SEEN, SIGNIFICANT, TOO_FAR, MotionFit, probability_of
+from tam_calibration.fit.estimate import variance_factors
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import UNITS, GyroscopePath, GyroscopeState, GyroscopeUse, matched
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.core.normal_equations import Normal, gram
+from tam_calibration.core.least_squares import Normal, gram
 from tam_calibration.fit.ellipsoid import COLUMNS, ROWS, Normalized
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse, rotated
 from tam_calibration.fit.likelihood import ChannelMaps

@@ -9,17 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import SEVERAL, Moved, Update, in_words
+from tam_calibration.core.noise import WHITE, VarianceFactors
+from tam_calibration.correction.calibration import SEVERAL, Calibration, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
-from tam_calibration.fit.agreement import FAR
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_calibration, require_one_sphere
-from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT, Unnamed
-from tam_calibration.fit.estimate import mean_temperature
+from tam_calibration.fit.contradiction import FAR, PLAUSIBLE, SIGNIFICANT, Unnamed
+from tam_calibration.fit.estimate import mean_temperature, variance_factors
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
-from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.information import require_determined
 from tam_calibration.fit.maximum_a_posteriori import (
     FRAME_OF_GYROSCOPE,
     SETTLED,
@@ -33,7 +31,6 @@ from tam_calibration.fit.prior import Prior, has_date, prior_of
 from tam_calibration.fit.prior_changes import MOST_TIMES, UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.reference import turning_scalar
-from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T

@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import Elimination, Normal, gram
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.least_squares import Elimination, Normal, gram
+from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.effects.ambient_gradient import turned
 from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.reference import InterpolationNoise

@@ -13,19 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.core.least_squares import gram
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.ellipsoid import Normalized, normalize
-from tam_calibration.fit.estimate import make_calibration
+from tam_calibration.fit.estimate import make_calibration, student_noises
 from tam_calibration.fit.information import NOT_ONE, descend, inverted, parameter_covariance
 from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization, UniformLikelihood
-from tam_calibration.fit.moments import into_frame_of_first
+from tam_calibration.fit.published import into_frame_of_first
 from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_determined, turning_of
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
-from tam_calibration.fit.slow_residuals import student_noises
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource

@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.least_squares import whitening
-from tam_calibration.core.normal_equations import Normal
+from tam_calibration.core.least_squares import Normal, whitening
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.ellipsoid import free_scale, without_scale
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates

@@ -13,7 +13,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.correction.partial import left_out
+from tam_calibration.correction.streaming import left_out
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import TIMES, InputError, Refused, first_at

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.linalg import LinAlgError, inv, norm
 from numpy.typing import NDArray
 
-from tam_calibration.core.slow_cosines import WHITE
+from tam_calibration.core.noise import WHITE
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.change_within import Span, find_change, steady_intensity
 from tam_calibration.fit.ellipsoid import normalize, sphere_center

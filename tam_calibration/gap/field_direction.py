@@ -15,8 +15,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
-from tam_calibration.fit.agreement import SEEN
-from tam_calibration.fit.contradiction import SIGNIFICANT
+from tam_calibration.fit.contradiction import SEEN, SIGNIFICANT
 from tam_calibration.fit.gyroscope_check import GyroscopeFit, settled_gyroscope, within_range
 from tam_calibration.fit.gyroscope_likelihood import WhiteTurns
 from tam_calibration.fit.problem import Known

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, between, channel
-from tam_calibration.integrity.overview import SHARED, Overview
+from tam_calibration.integrity.fault import SHARED, Fault, Overview, between, channel
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray
 

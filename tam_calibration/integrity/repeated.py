@@ -9,8 +9,7 @@ from math import log
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, between, channel, fault_of_axis, in_nanotesla
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.fault import Fault, Overview, between, channel, fault_of_axis, in_nanotesla
 from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray
 

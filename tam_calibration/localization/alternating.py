@@ -30,16 +30,17 @@ from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import (
+    FEWEST_PERIODS,
     Demodulated,
     Spectrum,
     Stretch,
     background_of,
     demodulate,
     find_frequency,
+    poses_of,
     turning_of,
     without,
 )
-from tam_calibration.sources.poses import FEWEST_PERIODS, poses_of
 
 _SEARCHED = 0.7
 """Part of the resolution, one over the length of a stretch, within which the frequency is sought."""

@@ -7,11 +7,10 @@ import numpy as np
 
 from tam_calibration.model.data_sheet import ChangeRates, Gyroscope, Tolerances
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import ATTITUDE_NOISE, BASELINE, DELAY, LENGTH, MOUNTING_ERROR, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
-from tam_calibration.model.recording import SampleSource, require_sensor_count
+from tam_calibration.model.recording import SampleSource, require_further, require_sensor_count
 from tam_calibration.model.units import FloatArray
 
 OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")

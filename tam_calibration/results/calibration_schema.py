@@ -7,16 +7,21 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.correction.acceptance import beyond_limits
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import AmbientGradientEstimate, EffectSize, Grade, KnownSource, Provenance
+from tam_calibration.correction.calibration import (
+    AmbientGradientEstimate,
+    Calibration,
+    EffectSize,
+    Grade,
+    KnownSource,
+    Provenance,
+)
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files import quantities
 from tam_calibration.files.quantities import in_si
 from tam_calibration.files.schema import Bounds, Document, check, require_schema
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
-from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
+from tam_calibration.model.sensor_errors import Residuals, SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.results.effects_schema import EffectFile

@@ -22,7 +22,7 @@ from tam_calibration.recordings.iaga2002 import read_iaga2002
 from tam_calibration.results.calibration_schema import SensorFile, errors_of
 from tam_calibration.results.calibration_yaml import sensors_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.simulation import Scenario, Simulation, attitude, surroundings
+from tam_calibration.simulation import Scenario, Simulation, surroundings
 from tam_calibration.sources.dipole import Dipole
 
 _Intensity = Annotated[float, Bounds(above=0, least=1e-3, most=1e9, unit="nT")]
@@ -108,27 +108,27 @@ class _Motion(Document):
 
     kind: Literal["random", "three_axis_turns", "turntable"]
 
-    def build(self, folder: Path) -> attitude.Motion:
+    def build(self, folder: Path) -> surroundings.Motion:
         """Return the motion."""
         if self.kind == "random":
-            return attitude.RandomAttitudes()
-        return attitude.Turntable() if self.kind == "turntable" else attitude.ThreeAxisTurns()
+            return surroundings.RandomAttitudes()
+        return surroundings.Turntable() if self.kind == "turntable" else surroundings.ThreeAxisTurns()
 
 
 class _RandomEulerAngles(_Part):
-    makes = attitude.RandomEulerAngles
+    makes = surroundings.RandomEulerAngles
     kind: Literal["random_euler_angles"]
     standard_deviation_deg: _Angle = 180.0
 
 
 class _Tumble(_Part):
-    makes = attitude.Tumble
+    makes = surroundings.Tumble
     kind: Literal["tumble"]
     turn_rate_deg_per_s: _Angle = 90.0
 
 
 class _Auv(_Part):
-    makes = attitude.Manoeuvre
+    makes = surroundings.Manoeuvre
     kind: Literal["auv"]
     pitch_limit_deg: quantities.Degrees
     roll_limit_deg: quantities.Degrees

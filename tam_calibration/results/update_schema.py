@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tam_calibration.correction.parts import Moved, Update
+from tam_calibration.correction.calibration import Moved, Update
 from tam_calibration.files import quantities
 from tam_calibration.files.quantities import part_of, part_to_mapping, value_in_si, value_to_write
 from tam_calibration.files.schema import Bounds, Document

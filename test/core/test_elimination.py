@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.normal_equations import Elimination
+from tam_calibration.core.least_squares import Elimination
 from tam_calibration.model.sensor_errors import SensorErrors
 
 

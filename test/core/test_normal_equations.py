@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.normal_equations import Normal, gram, ridged
+from tam_calibration.core.least_squares import Normal, gram, ridged
 
 
 @pytest.mark.parametrize("shape", [(1, 5), (13, 1), (11, 20_000), (48, 1001)])

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.slow_cosines import BLOCKS, COSINES, slow_cosines
+from tam_calibration.core.noise import BLOCKS, COSINES, slow_cosines
 
 
 def test_they_are_orthogonal_to_each_other_and_to_the_mean():

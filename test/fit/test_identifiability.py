@@ -7,14 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.identifiability import find_weakness, require_accurate, require_determined
+from tam_calibration.fit.information import find_weakness, require_accurate, require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import RandomAttitudes, ThreeAxisTurns
+from tam_calibration.simulation.surroundings import RandomAttitudes, ThreeAxisTurns
 
 FIELD = 54955.83e-9 * np.array([0.42, 0.21, -0.883]) / np.linalg.norm([0.42, 0.21, -0.883])
 

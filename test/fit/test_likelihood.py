@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.fit.likelihood import (
     UNIFORM,
     ChannelMaps,

@@ -8,12 +8,14 @@ from scipy.signal import lfilter
 from scipy.stats import norm, t
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.moments import gather, jackknife, lasting_factor
 from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.fit.published import (
     artificial_vector,
     fast_rotation,
+    gather,
     integrated,
+    jackknife,
+    lasting_factor,
     lossless,
     simplified_linear,
     two_step_linear,

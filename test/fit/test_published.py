@@ -9,8 +9,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.information import bound
-from tam_calibration.fit.moments import rotation_by_regression
-from tam_calibration.fit.published import lossless, regress, simplified_linear, two_step_linear
+from tam_calibration.fit.published import lossless, regress, rotation_by_regression, simplified_linear, two_step_linear
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_validation.papers import li2018a

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.integrity import units
+from tam_calibration.integrity import values
 from tam_calibration.model.geomagnetic_field import FieldBounds
 
 FACTORS = [1e-6, 1e-5, 1e-3, 1e-2, 1e2, 1e3, 1e5, 1e6]
@@ -69,7 +69,7 @@ def test_an_axis_of_one_sensor_alone(run):
 def test_a_tenth_is_another_range(run):
     """Of a scale factor the fit tells."""
     assert run.spoiled(scaled(2, 0.1)).told == [] and run.spoiled(scaled(2, 10, 1)).told == []
-    assert units.APART == 30
+    assert values.APART == 30
 
 
 def test_little_motion_is_no_unit(vehicle):

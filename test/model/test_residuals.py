@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import measure_residuals, noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals, noise_floor
 
 
 @pytest.fixture(scope="module")
