@@ -271,16 +271,6 @@ class Update:
         return "the tolerances of the array file" if self.rates is None else "the prior"
 
 
-__all__ = [
-    "FRAME_STATEMENT",
-    "AmbientGradientEstimate",
-    "Calibration",
-    "Corrected",
-    "EffectSize",
-    "KnownSource",
-    "Provenance",
-]
-
 FRAME_STATEMENT = (
     "The array frame is the orthogonal frame of sensor 1: z along its z axis, y in the plane of its y and z axes. "
     "A uniform field cannot see how that frame is turned against the baselines: of the 12 K parameters the three of "

@@ -606,7 +606,7 @@ def lossless(recording: SampleSource, array: Array, *, as_published: bool = Fals
     return finish(name, recording, array, moments.data, matrix, center)
 
 
-FRAME_STATEMENT = (
+FRAME_WITH_SOFT_IRON = (
     "The array frame is the frame in which the matrix of sensor 1 is upper triangular. With soft iron that is not the "
     "frame of its axes, and it may be turned against the array by tens of degrees. A uniform field then looks perfect, "
     "but the components of the field and of a source's gradient are turned with it. Record the attitude, "
@@ -629,7 +629,7 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
     -------
     Calibration
         With the covariance of a jackknife over groups of samples. Scale factors and angles are those of D Λ = C, the
-        soft iron in them: in the frame whose attitude was recorded, or without attitude as ``FRAME_STATEMENT`` says.
+        soft iron in them: in the frame whose attitude was recorded, or without attitude as ``FRAME_WITH_SOFT_IRON`` says.
 
     Raises
     ------
@@ -643,7 +643,7 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
     products = field_products(moments.joint, unmix, center)
     matrix = inv(unmix) @ procrustes(products[:, :, 0])
     if recording.attitude is None:
-        return finish("integrated", recording, array, moments.data, matrix, center, FRAME_STATEMENT)
+        return finish("integrated", recording, array, moments.data, matrix, center, FRAME_WITH_SOFT_IRON)
     matrix = matrix @ np.swapaxes(_turns(moments, matrix, center), 1, 2)[:, None]
     return finish("integrated", recording, array, moments.data, matrix, center, recorded_attitude.FRAME_STATEMENT)
 
