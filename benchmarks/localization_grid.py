@@ -29,9 +29,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.euler import DIPOLE_INDEX, DIPOLES_INDEX
 from tam_calibration.localization.locate import locate_run
-from tam_calibration.localization.source_fit import DIPOLES_INDEX
 from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.localization.turned_samples import Regional, Samples, regional_of
 from tam_calibration.model.array import UNIT_TENSORS, Array

@@ -174,6 +174,9 @@ class Normal:
         return self + replace(other.over(-1.0), count=-other.count)
 
 
+ROUNDING = 1e-12
+"""Part of the largest of some numbers below which another one is rounding: of an eigenvalue, its direction is open."""
+
 Predict = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
 """From unknowns (m, P) of the problems at an index (m,) to their data (m, D) and these' derivatives (m, D, P)."""
 
@@ -244,9 +247,7 @@ class Solution:
         return replace(self, **{name: value[at] for name, value in vars(self).items()})
 
 
-def solve_damped(
-    predict: Predict, data: FloatArray, start: FloatArray, is_small: IsSmall, most_steps: int = _MOST_STEPS
-) -> Solution:
+def solve_damped(predict: Predict, data: FloatArray, start: FloatArray, is_small: IsSmall) -> Solution:
     """Return the solutions of M problems by steps of Levenberg and Marquardt; none depends on its neighbours.
 
     Parameters
@@ -259,8 +260,6 @@ def solve_damped(
         Where to begin.
     is_small : IsSmall
         When the steps end.
-    most_steps : int
-        After which a problem that has not settled is left where it is.
     """
     unknowns = np.array(start, dtype=float)
     # 1e-3 and 1e12: added to a diagonal of one: nearly a Gauss-Newton step, and one so short that no shorter one lowers
@@ -270,7 +269,7 @@ def solve_damped(
     chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
     # Part of the squares of the data by which rounding may raise χ².
     rounding = 1e-13 * np.sum(data**2, axis=1)
-    for _ in range(most_steps):
+    for _ in range(_MOST_STEPS):
         if not is_open.any():
             break
         at = np.flatnonzero(is_open)

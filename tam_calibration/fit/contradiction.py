@@ -29,14 +29,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import slogdet
 
-from tam_calibration.core.least_squares import Normal, whitening
+from tam_calibration.core.least_squares import ROUNDING, Normal, whitening
 from tam_calibration.core.noise import BLOCKS, SlowSums
 from tam_calibration.correction.calibration import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
 from tam_calibration.fit.ellipsoid import without_scale
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Place, Posterior, Problem
 from tam_calibration.model.data_sheet import DAY_S
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla
 
 FAR_RATIO = 1e5
@@ -117,11 +117,9 @@ _SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
 bias, and as a scale factor or angle times the field."""
 
 
-_EVERYTHING = in_words(SEVERAL, 0)
-
-
 MOST_CHANGES = 3
-"""Found one after the other: where more moved, the whole array has, which is one of them."""
+"""Found one after the other: where more moved, the whole array has, which is one of them. Within a recording something
+moves as often: a tool is picked up, used and dropped."""
 
 PLAUSIBLE = 0.05
 """Probability from which a change is named in addition to the most probable one, and the prior widened for it too."""
@@ -292,7 +290,7 @@ def plausible(weighed: Sequence[tuple[float, Change]]) -> list[Change]:
 
 def is_everything(change: Change) -> bool:
     """Whether all has changed, so that nothing is left to be found."""
-    return change.hypothesis.name == _EVERYTHING
+    return (change.hypothesis.parameters, change.hypothesis.sensor) == (SEVERAL, 0)
 
 
 def estimated_with(change: Change, prior: Prior, posterior: Posterior) -> Change:
@@ -323,7 +321,7 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
     """
     errors, sensors = prior.errors, prior.errors.sensor_count
     _, derivative = prior.in_convention(errors)
-    everything = Hypothesis(_EVERYTHING, SEVERAL, 0, np.eye(12 * sensors))
+    everything = Hypothesis(in_words(SEVERAL, 0), SEVERAL, 0, np.eye(12 * sensors))
     candidates = []
     for hypothesis in (*changes_of_sensors(errors), everything)[: None if sensors > 1 else -1]:
         directions = derivative @ hypothesis.directions
@@ -346,8 +344,8 @@ _TIMES = (3.0, 10.0, 30.0)
 """Changes that are tried: so many times the random walk of a day, so many kelvins, or both."""
 
 
-_MATRIX = [0, 1, 2, 3, 4, 5, 9, 10, 11]
-"""Places of the errors that multiply the field among the twelve of a sensor."""
+_IS_OF_MATRIX = np.array([not name.startswith("bias") for name in PARAMETER_NAMES])
+"""Which of the twelve errors of a sensor multiply the field."""
 
 
 class Unnamed(NamedTuple):
@@ -415,10 +413,11 @@ def _more(left: Difference, change: Change, prior: Prior) -> Unnamed:
     sensors = prior.errors.sensor_count
     every = np.eye(12 * sensors).reshape(-1, sensors, 12)
     if change.hypothesis.parameters == ALL_BIASES:
-        name, directions, scaled = "soft iron of the vehicle", every[:, :, _MATRIX].sum(axis=1), np.ones(9, dtype=bool)
+        name, directions = "soft iron of the vehicle", every[:, :, _IS_OF_MATRIX].sum(axis=1)
+        scaled = _IS_OF_MATRIX[_IS_OF_MATRIX]
     else:
         sensor = change.hypothesis.sensor
-        name, directions, scaled = in_words(SEVERAL, sensor), every[:, sensor - 1], np.isin(np.arange(12), _MATRIX)
+        name, directions, scaled = in_words(SEVERAL, sensor), every[:, sensor - 1], _IS_OF_MATRIX
     intensity_T = prior.calibration.intensity_T
     size_T = np.sqrt(np.mean(change.estimate**2)) * (1.0 if "bias" in change.hypothesis.parameters else intensity_T)
     # Sizes that are tried for the other changes, over that of the change that is named.
@@ -457,9 +456,6 @@ def _weighed(
 
 LEAST_SHARE = 1e-3
 """Part of the information on a direction that both sides have at least where they can contradict."""
-
-SEEN = 1e-12
-"""Part of the largest eigenvalue of a scaled information below which a direction is open."""
 
 TOO_FAR = 2.0
 """Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
@@ -503,7 +499,7 @@ class MotionFit:
     def white(self) -> FloatArray:
         """(Q, M) directions of the free unknowns on which the information of all is one."""
         inside = self.basis.T @ self.everything.information @ self.basis
-        return np.asarray(self.basis @ whitening(inside, SEEN))
+        return np.asarray(self.basis @ whitening(inside, ROUNDING))
 
     @property
     def scatter(self) -> float:
@@ -544,7 +540,7 @@ class MotionFit:
         spans = [slice(*span) for span in pairwise(np.linspace(0, count, BLOCKS + 1).astype(int))]
         parts = [self.problem.motion_at(self.place, span) for span in spans]
         information = np.array([along.T @ part.information @ along for part in parts])
-        white = whitening(information.sum(axis=0), SEEN)
+        white = whitening(information.sum(axis=0), ROUNDING)
         score = np.array([white.T @ along.T @ part.score for part in parts])
         return SlowSums.of(white.T @ information @ white, score).factor
 

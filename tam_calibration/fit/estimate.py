@@ -253,9 +253,6 @@ def mean_temperature(source: SampleSource) -> float | None:
 _DEGREES_OF_FREEDOM = 6.0
 """With four sensors the standard errors are 1.04 times the bound's without outliers; with 4 they would be 1.05."""
 
-_MOST_STEPS = 200
-"""Of the scale of the noise, each of which leaves a constant part of the way."""
-
 
 @dataclass(frozen=True, eq=False)
 class StudentNoise:
@@ -285,7 +282,7 @@ class StudentNoise:
         # Of the scale of the noise: below a hundredth of what is stated lies only rounding.
         smallest_square = 1e-4
         noise = cls(energy, channels, max(float(np.median(energy[known] / channels[known])), smallest_square))
-        for _ in range(_MOST_STEPS):
+        while True:  # each step leaves a constant part of the way
             previous, square = noise.square, noise.spread_of(1)
             noise = cls(energy, channels, max(square, smallest_square))
             if square <= smallest_square or abs(square - previous) <= 1e-10 * square:
@@ -318,10 +315,6 @@ GROWING = (
     "the residual is correlated over the complete recording, which cannot show by how much such noise shifts its mean: "
     "standard errors, above all of biases, may still be too small"
 )
-
-
-_FRAME = np.s_[9:12]
-"""Turns of sensor 1: a turn of all sensors is seen by no uniform field."""
 
 
 def variance_factors(calibration: Calibration, recording: SampleSource) -> VarianceFactors:
@@ -378,7 +371,7 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
         differential /= student[0].spread_of(2) * student[0].variance_factor
         excess = (noise.variance_factor for noise in student)
         stated = VarianceFactors(*map(mul, factors, excess)).at_least(WHITE)
-    seen = np.delete(np.arange(len(covariance)), _FRAME)
+    seen = np.delete(np.arange(len(covariance)), slice(9, 12))  # no uniform field sees a turn of all sensors
     inside, size = np.ix_(seen, seen), len(seen)
     covariance[inside] = _sandwich(covariance[inside], differential[:size, :size], factors)
     return replace(with_variance_factors(calibration, stated), covariance=covariance)
@@ -437,7 +430,7 @@ def _by_block(
     """
     errors, intensity_T = calibration.errors, calibration.intensity_T
     has_scalar = recording.scalar_count is not None
-    rows = np.delete(rows_by_unknowns(errors, intensity_T, None if has_scalar else intensity_T), _FRAME, axis=1)
+    rows = np.delete(rows_by_unknowns(errors, intensity_T, None if has_scalar else intensity_T), slice(9, 12), axis=1)
     information = np.zeros((2, BLOCKS, rows.shape[1], rows.shape[1]))
     score = np.zeros((2, BLOCKS, rows.shape[1]))
     point, first = (errors.matrix, np.zeros_like(errors.bias_T)), 0

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.least_squares import ROUNDING
 from tam_calibration.core.noise import complete_noise, fast_noise
-from tam_calibration.fit.contradiction import FAR, SEEN, SIGNIFICANT, TOO_FAR, MotionFit, probability_of
+from tam_calibration.fit.contradiction import FAR, SIGNIFICANT, TOO_FAR, MotionFit, probability_of
 from tam_calibration.fit.estimate import variance_factors
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import UNITS, GyroscopePath, GyroscopeState, GyroscopeUse, matched
@@ -112,7 +113,7 @@ class GyroscopeFit(MotionFit):
         across = self.white.T @ information[:, shape]
         left = information[np.ix_(shape, shape)] - across.T @ across
         values, vectors = np.linalg.eigh(left)
-        seen = values > SEEN * values[-1]
+        seen = values > ROUNDING * values[-1]
         score = (vectors.T @ gradient[shape])[seen]
         chi_square = float(np.sum(score**2 / values[seen]))
         return probability_of(chi_square, int(seen.sum())) < SIGNIFICANT

@@ -40,7 +40,7 @@ from tam_calibration.fit.ellipsoid import (
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import SKETCH, Recording, SampleSource
+from tam_calibration.model.recording import BLOCK, SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
@@ -360,10 +360,6 @@ FEWEST_SAMPLES = 9
 """An ellipsoid has nine parameters, and each sample gives one intensity."""
 
 
-_SAMPLES = 5000
-"""From which the bound is taken: of more it hardly depends on which."""
-
-
 def require_determined(recording: SampleSource, array: Array, is_uniform: bool = True) -> None:
     """Check, before a fit, that a recording determines all parameters.
 
@@ -400,7 +396,7 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     noisy, _ = complete_noise(array, recording)
     data = normalize(recording.thinned(SKETCH))
     field = data.radius_T * data.points[np.isfinite(data.intensity), 0]
-    some = field[:: -(-len(field) // _SAMPLES)]
+    some = field[:: -(-len(field) // BLOCK)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
     excess = 1.0
     if is_uniform and recording.sensor_count > 1:

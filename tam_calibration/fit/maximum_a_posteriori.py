@@ -37,10 +37,6 @@ FRAME_OF_GYROSCOPE = (
 )
 
 
-_SETTLED = 0.9
-"""Noise that the errors leave, over the one that they were fitted with, from which it counts as the same."""
-
-
 def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) -> Calibration:
     """Return the most probable errors by a recording and what else is known.
 
@@ -117,7 +113,7 @@ def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[Kno
     # Of a noise that is not stated, down to what the errors leave.
     for _ in range(10 if array.vector_noise_T is None else 0):
         left = noise_left_in(recording, noisy, posterior.errors, posterior.intensity_T)
-        if left.vector_noise_T[0] > _SETTLED * noisy.vector_noise_T[0]:
+        if left.vector_noise_T[0] > (1 - SETTLED) * noisy.vector_noise_T[0]:
             break
         noisy, posterior = left, posterior_of(recording, left, known)
     return noisy, posterior, is_estimated
@@ -195,8 +191,8 @@ _DRAWS, _SAMPLES, _SEED = 100, 1000, 0
 """Draws and samples by which curvature is measured, twice as many as there are errors; and the seed of the draws."""
 
 SETTLED = 0.1
-"""Part by which the variance may exceed that which the residuals show, or the readings were weighed by: 5 % of the
-standard errors."""
+"""Part by which the noise may be less than that of the fit before, or the variance exceed what the residuals show,
+or the readings were weighed by: 5 % of the standard errors."""
 
 
 def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:

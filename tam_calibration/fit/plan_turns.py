@@ -23,9 +23,6 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees
 
-_GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
-"""By which the roll swings more slowly than the pitch, so that the two never repeat together."""
-
 
 @dataclass(frozen=True)
 class Vehicle:
@@ -132,7 +129,10 @@ def best_turns(prior: Prior, vehicle: Vehicle, inclination: float, gyroscope: Gy
 
 def _angles(yaw: float, pitch: float, roll: float, vehicle: Vehicle) -> FloatArray:
     """Return yaw, pitch and roll (N, 3) at the samples of a turn, none faster than the vehicle."""
-    periods_s = 2 * np.pi * np.array([pitch, roll * _GOLDEN_RATIO]) / vehicle.turn_rate
+    from scipy.constants import golden
+
+    # The roll swings more slowly than the pitch, so that the two never repeat together.
+    periods_s = 2 * np.pi * np.array([pitch, roll * golden]) / vehicle.turn_rate
     # Of pitch and roll at least, in a turn that has them.
     duration_s = max(yaw / vehicle.turn_rate, 2 * float(periods_s.max()))
     time_s = np.arange(max(2, round(duration_s * vehicle.sample_rate_hz))) / vehicle.sample_rate_hz

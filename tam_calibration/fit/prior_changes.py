@@ -151,10 +151,6 @@ def _largest(energies: FloatArray, channels: int) -> float:
     return float(limit * max(1.0, np.median(energies) / usual))
 
 
-MOST_TIMES = 3
-"""That something moves within a recording: a tool is picked up, used and dropped."""
-
-
 _Found = Sequence[Sequence[contradiction.Change]]
 """Changes, each with its plausible rivals after it."""
 

@@ -329,10 +329,11 @@ def rotation_by_regression(regression: FloatArray) -> FloatArray:
     return rotation.reshape(regression.shape)
 
 
-def regression_on_first(products: FloatArray) -> FloatArray:
-    """Return the regressions V (S, K, 3, 3) of sensor 1's field on each sensor's, from ``field_products``."""
+def _rotation_against_first(moments: Moments, unmix: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the rotations Λ (S, K, 3, 3), by regression of sensor 1's field on each sensor's."""
+    products = field_products(moments.joint, unmix, center)
     own = np.moveaxis(np.diagonal(products, axis1=1, axis2=2), -1, 1)
-    return products[:, 0] @ inv(own)
+    return rotation_by_regression(products[:, 0] @ inv(own))
 
 
 def into_frame_of_first(matrix: FloatArray) -> FloatArray:
@@ -403,8 +404,7 @@ def two_step_linear(recording: SampleSource, array: Array) -> Calibration:
     """
     moments = gather(recording, "two-step linear").with_constant_intensity()
     center, unmix = ellipsoid.fitted(moments.quartic)
-    products = field_products(moments.joint, unmix, center)
-    matrix = inv(unmix) @ rotation_by_regression(regression_on_first(products))
+    matrix = inv(unmix) @ _rotation_against_first(moments, unmix, center)
     return finish("two_step_linear", recording, array, moments.data, matrix, center)
 
 
@@ -442,8 +442,7 @@ def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     from_zero = ellipsoid.move_origin(moments.quartic, np.broadcast_to(zero, (len(moments.quartic), *zero.shape)))
     unmix, bias = first_order(from_zero)
     center = bias + zero
-    products = field_products(moments.joint, unmix, center)
-    matrix = inv(unmix) @ rotation_by_regression(regression_on_first(products))
+    matrix = inv(unmix) @ _rotation_against_first(moments, unmix, center)
     calibration = finish("simplified_linear", recording, array, moments.data, matrix, center)
     # What the first order leaves is no noise, and is the same for any number of samples.
     left = calibration.errors.to_vector() - two_step_linear(recording, array).errors.to_vector()
@@ -629,7 +628,7 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
     -------
     Calibration
         With the covariance of a jackknife over groups of samples. Scale factors and angles are those of D Λ = C, the
-        soft iron in them: in the frame whose attitude was recorded, or without attitude as ``FRAME_WITH_SOFT_IRON`` says.
+        soft iron in them: in the frame whose attitude was recorded, or else as ``FRAME_WITH_SOFT_IRON`` says.
 
     Raises
     ------

@@ -28,7 +28,7 @@ from tam_calibration.model.array import UNIT_TENSORS, Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.limits import ATTITUDE_NOISE
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import BLOCK, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
@@ -130,8 +130,7 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
 
 def strayed(angle: float) -> str:
     """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing if it is small."""
-    # from_degrees(10.0): of the field in the world of the attitude; more is not noise of the attitude.
-    if angle < from_degrees(10.0):
+    if angle < _TURNS:
         return ""
     return (
         f"the field of the readings is not constant in the world of the attitude but turns by "
@@ -141,10 +140,10 @@ def strayed(angle: float) -> str:
 
 
 def turns_between(seen: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return the shortest rotation vectors (N, 3) that turn unit vectors (N, 3) into another (3,)."""
+    """Return the shortest rotation vectors (N, 3) that turn vectors (N, 3) to the direction of one (3,) or of each."""
     axis = np.cross(seen, direction)
-    sine = norm(axis, axis=1)
-    return np.asarray(axis * (np.arctan2(sine, seen @ direction) / np.maximum(sine, np.finfo(float).tiny))[:, None])
+    sine, cosine = norm(axis, axis=1), np.sum(seen * direction, axis=1)
+    return np.asarray(axis * (np.arctan2(sine, cosine) / np.maximum(sine, np.finfo(float).tiny))[:, None])
 
 
 def across_of(along: FloatArray) -> FloatArray:
@@ -250,17 +249,13 @@ _TURNS = from_degrees(10.0)
 or with a compass on a vehicle, it turns by less."""
 
 
-_INVERSE, _SCALAR_FIRST = np.array([-1.0, -1.0, -1.0, 1.0]), [1, 2, 3, 0]
-"""Signs of the inverse of a quaternion x, y, z, w, and the order that makes one of w, x, y, z."""
-
-_HALF_TURNS = dict(zip("xyz", np.eye(4)[:3], strict=True))
-"""Quaternions of the IMU against the array. That about x makes forward, right, down of forward, left, up. Readings with
-that axis reversed in all sensors look the same, as the field may point either way."""
-
-
 @dataclass(frozen=True)
 class _Convention:
-    """A way in which quaternions may be written, and what to do about it."""
+    """A way in which quaternions may be written, and what to do about it.
+
+    The half turn is that of the IMU against the array about an axis. About x it makes forward, right, down of forward,
+    left, up. Readings with that axis reversed in all sensors look the same, as the field may point either way.
+    """
 
     what: str
     remedy: str
@@ -270,11 +265,11 @@ class _Convention:
 
     def to_world(self, quaternions: FloatArray) -> Any:
         """Return the turns from the array's axes to the world of quaternions that were written so."""
-        ordered = quaternions[:, _SCALAR_FIRST] if self.is_scalar_first else quaternions
         from scipy.spatial.transform import Rotation  # takes as long to load as a calibration
 
-        turns = Rotation.from_quat(ordered * _INVERSE if self.is_inverse else ordered)
-        return turns * Rotation.from_quat(_HALF_TURNS[self.half_turn]) if self.half_turn else turns
+        turns = Rotation.from_quat(np.roll(quaternions, -1, axis=1) if self.is_scalar_first else quaternions)
+        turns = turns.inv() if self.is_inverse else turns
+        return turns * Rotation.from_euler(self.half_turn, np.pi) if self.half_turn else turns
 
 
 _FRD = "state imu_rotation_deg: [180, 0, 0] in the array file"
@@ -351,8 +346,6 @@ def _turning(convention: _Convention, attitude: FloatArray, field: FloatArray) -
     mean_length = float(norm(convention.to_world(attitude).apply(direction).mean(axis=0)))
     return float(np.sqrt(2 * max(1 - mean_length, 0.0)))
 
-
-_PIECE = 8192
 
 _ANY_TURN = np.pi
 """Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
@@ -522,8 +515,8 @@ class AttitudeLikelihood:
         channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
         size = 18 + len(self.headings)
         moments, variance = np.zeros((size, size)), 0.0
-        for start in range(0, self.sample_count, _PIECE):
-            columns, own = self.part(slice(start, start + _PIECE))._columns(channels, view)
+        for start in range(0, self.sample_count, BLOCK):
+            columns, own = self.part(slice(start, start + BLOCK))._columns(channels, view)
             moments += gram(columns)
             variance += own
         return channels, moments, variance / self.sample_count

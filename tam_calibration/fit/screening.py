@@ -35,10 +35,6 @@ _COMPARED = 3
 """Sensors from which each is compared with the mean of the others; fewer are compared with the intensity."""
 
 
-_MEDIANS = {1: 0.45494, 3: 2.36597}
-"""Of χ² by its degrees of freedom."""
-
-
 @dataclass(frozen=True, eq=False)
 class LeftOut:
     """The samples that are left out, each with the sensor that contradicts the others most.
@@ -197,6 +193,8 @@ class _Judge:
     """
 
     def __init__(self, errors: SensorErrors, array: KnownNoiseArray, some: Recording, is_stated: bool) -> None:
+        from scipy.special import chdtri
+
         count = errors.sensor_count
         self._errors = errors
         self._variance_T2, self._scalar_T2 = array.vector_noise_T**2, array.scalar_noise_T**2
@@ -204,7 +202,7 @@ class _Judge:
         self._intensity_T = float(np.median(norm(errors.restore(some.readings_T).mean(axis=1), axis=1)))
         freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
         distances = self._distances(some)
-        scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
+        scale = np.nanmedian(distances, axis=0) / chdtri(freedom, 0.5)
         self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
         # Probability that a sound recording loses a sample.
         exponent = np.log(distances.size / 1e-3)

@@ -254,11 +254,8 @@ def _of_biases(jumps_T: FloatArray) -> str:
 
 
 _EXPLAINED = 2.0
-"""Largest variance of the residuals under a hypothesis over that of the calibrated part: its directions may differ."""
-
-
-_NOISE_ALONE = 2.0
-"""Variance of the calibrated part's residuals over that of the noise, from which chance is not that of white noise."""
+"""Largest variance of residuals over that of the calibrated part, whose directions may differ, or of this part over the
+noise: above it chance is not that of white noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +331,7 @@ def despite_changes(
         When the change is plain, and the calibration is more than three standard errors from that of the longer part.
     """
     left = max(calibration.reduced_chi_square.values(), default=1.0)
-    if left < _NOISE_ALONE and calibration.variance_factors == WHITE:
+    if left < _EXPLAINED and calibration.variance_factors == WHITE:
         return calibration
     change = what_changed(recording, array)
     if change is None:
@@ -375,7 +372,7 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     # price.
     # Least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or
     # twice.
-    if gained < 50.0 if parts.level < _NOISE_ALONE else before < 4.0:
+    if gained < 50.0 if parts.level < _EXPLAINED else before < 4.0:
         return None
     is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
     # Part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side

@@ -9,6 +9,7 @@ import numpy as np
 
 from tam_calibration.correction.acceptance import LIMITS
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
@@ -145,9 +146,6 @@ def refuse(faults: Iterable[Fault]) -> None:
 SHARED = 0.9
 """Least canonical correlation of sensors that both show the motion in all directions, and not their noise."""
 
-LARGEST_T = 1e9
-"""Tesla: the Earth's field in nT, taken for T, has some 1e4; squares of larger numbers are none."""
-
 
 @dataclass(frozen=True, eq=False)
 class Overview:
@@ -171,7 +169,8 @@ class Overview:
     def values_T(self) -> FloatArray:
         """(3K, n) readings of all axes, in the order of time, those that are no field at all moved to the largest."""
         values = np.ascontiguousarray(self.recording.readings_T.reshape(self.recording.sample_count, -1).T)
-        return np.clip(values, -LARGEST_T, LARGEST_T, out=values)
+        largest_T = LARGEST["readings"]
+        return np.clip(values, -largest_T, largest_T, out=values)
 
     @cached_property
     def sorted_T(self) -> FloatArray:

@@ -40,9 +40,6 @@ PROBES = 16
 """Readings of a sensor in each block that are looked for among those of the others."""
 
 
-LATEST = 4096
-"""Samples by which a copy may be late: 40 s at 100 Hz."""
-
 COPIED = 1 - 1e-13
 """Correlation of two axes that differ by rounding only; noise of a millionth of the readings' spread makes less."""
 
@@ -82,7 +79,7 @@ class Copies:
         for original, copy in combinations(range(sensors), 2):
             if (numbers[copy] == numbers[original]).any():
                 self._pairs[copy, original].add(numbers[copy], numbers[original], block.time_s, 0)
-        for copy, original, late in _lags(numbers[:, :LATEST]):
+        for copy, original, late in _lags(numbers):
             self._pairs[copy, original].add(numbers[copy, late:], numbers[original, :-late], block.time_s[late:], late)
 
     def faults(self, overview: Overview) -> list[Fault]:

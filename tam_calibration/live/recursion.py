@@ -41,9 +41,6 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
-_DIRECTION = (3, 7, 11, 15)
-"""Places there of the field's components by themselves, and of the 1."""
-
 
 @dataclass(frozen=True, eq=False)
 class SampleMoments:
@@ -155,7 +152,8 @@ class MomentLikelihood:
         choose[12, (0, 5, 10)], choose[12, 16] = 0.5, -0.5
         turned = turn @ moments.fourth @ turn.T
         covariance = back @ self._elimination.covariance @ back.T
-        by_direction = turned[np.ix_(_DIRECTION, _DIRECTION)]
+        # Places of the field's components by themselves, and of the 1.
+        by_direction = turned[3::4, 3::4]
         by_field = covariance @ by_direction[:3, :3]
         score = np.column_stack([by_field + by_field.T, covariance @ by_direction[:3, 3]])
         return CommonModeSums(choose @ turned @ choose.T, score.ravel(), moments.scalar_count)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tam_calibration.core.noise import noise_deviation
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.amplitude_fit import (
     AmplitudeFit,
@@ -14,7 +15,6 @@ from tam_calibration.localization.amplitude_fit import (
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import (
     ARRAY_FRAME,
-    CHANCE,
     WORLD_FRAME,
     EulerSolutions,
     Line,
@@ -22,7 +22,14 @@ from tam_calibration.localization.solutions import (
     Status,
     Survey,
 )
-from tam_calibration.localization.source_fit import PLACE_ERROR_M, SOURCES, elements_of, errors_of, require_index
+from tam_calibration.localization.source_fit import (
+    PLACE_ERROR_M,
+    SOURCES,
+    elements_of,
+    errors_of,
+    require_gradient,
+    require_index,
+)
 from tam_calibration.localization.turned_samples import turned
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
@@ -30,6 +37,7 @@ from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import (
+    CHANCE,
     FEWEST_PERIODS,
     Demodulated,
     Spectrum,
@@ -45,9 +53,6 @@ from tam_calibration.sources.demodulation import (
 _SEARCHED = 0.7
 """Part of the resolution, one over the length of a stretch, within which the frequency is sought."""
 
-_PRECISE = 1e-7
-"""Part of the resolution to which it is found: less than any noise leaves."""
-
 _LARGEST_ADVANCE = 0.1
 """Turns by which the phase may advance over a stretch where the frequency is stated: it was rounded then, and the one
 that is found is taken."""
@@ -58,9 +63,6 @@ _CLEAR = 25.0
 _SAME_PHASE = 1e-3
 """Part of the amplitudes that may be out of phase, all together: clocks of the sensors that differ by 16 µs make it at
 10 Hz."""
-
-_MEDIAN = 0.4549
-"""Of χ² with one degree of freedom."""
 
 
 def estimator_of(stretch: Stretch, found: Demodulated) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -93,8 +95,8 @@ def estimator_of(stretch: Stretch, found: Demodulated) -> tuple[FloatArray, Floa
     design = without(stretch.background, (carrier[:, None, None] * stretch.turning).reshape(count, -1))
     design = design.reshape(count, channels, channels)
     window = np.hanning(count)[:, None]
-    power = dct(window * (stretch.rest - design @ found.amplitude), axis=0, norm="ortho") ** 2 / np.mean(window**2)
-    noise = np.sqrt(np.median(power, axis=0) / _MEDIAN)
+    waves = dct(window * (stretch.rest - design @ found.amplitude), axis=0, norm="ortho")
+    noise = noise_deviation(waves, axis=0) / np.sqrt(np.mean(window**2))
     unit = design / noise[:, None] * noise  # the unknowns have the units of the channels: the noise scales them too
     covariance = np.linalg.inv(np.einsum("npa,npb->ab", unit, unit))
     estimator = np.einsum("a,ab,npb,p->anp", noise, covariance, unit, 1 / noise, optimize=True)
@@ -131,7 +133,7 @@ def frequency_of(stretches: Sequence[Stretch], frequency_hz: float, is_stated: b
         return float(sum(len(own.time_s) * np.sum((now / before) ** 2) for own, now, before in parts))
 
     longest_s = max(stretch.span_s for stretch in stretches)
-    widest_hz, options = _SEARCHED / longest_s, {"xatol": _PRECISE / longest_s}
+    widest_hz, options = _SEARCHED / longest_s, {"xatol": np.sqrt(np.finfo(float).eps) / longest_s}
     found = minimize_scalar(energy, bounds=(-widest_hz, widest_hz), method="bounded", options=options)
     hertz = frequency_hz + float(found.x)
     heard = [demodulate(stretch, hertz) for stretch in stretches]
@@ -176,10 +178,6 @@ _TURNING = "The array never stood still: field and gradient were demodulated as 
 
 _POINT = "A coil counts as a point: one of radius a at distance r may be up to a²/r beside the place that is found."
 
-_PLACES = (
-    f"The sensors are not exactly where they are stated: standard errors hold {1e3 * PLACE_ERROR_M:g} mm of each place."
-)
-
 
 def locate_alternating(
     recording: Recording, calibration: Calibration, frequency_hz: float | None = None, *, index: float = DIPOLE_INDEX
@@ -209,8 +207,7 @@ def locate_alternating(
         those of one source of this structural index.
     """
     require_index(index)
-    if not calibration.array.has_gradient:
-        raise InputError("the array's geometry determines no gradient, from which sources are located")
+    require_gradient(calibration.array)
     if frequency_hz is not None and not 0 < frequency_hz <= _HIGHEST_HZ:
         raise InputError(
             f"the frequency must be a positive number of hertz, at most {_HIGHEST_HZ:g}, not {frequency_hz:g}"
@@ -236,7 +233,11 @@ def locate_alternating(
     if together is not None:
         require_one_source({one: fit for one, (_, fit) in each.items()}, index)
     is_displaced = together is not None and together.place_error_m > 0
-    remarks = {_TURNING: not poses, _PLACES: is_displaced, _POINT: index == DIPOLE_INDEX}
+    places = (
+        "The sensors are not exactly where they are stated: standard errors hold "
+        f"{1e3 * PLACE_ERROR_M:g} mm of each place."
+    )
+    remarks = {_TURNING: not poses, places: is_displaced, _POINT: index == DIPOLE_INDEX}
     return Survey(
         ARRAY_FRAME if recording.attitude is None else WORLD_FRAME,
         np.array([np.mean(stretch.time_s[[0, -1]]) for stretch in stretches]),

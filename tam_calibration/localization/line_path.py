@@ -23,9 +23,10 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.core.noise import fast_noise
 from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState
+from tam_calibration.localization.source_fit import PLACE_ERROR_M
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
 _STEP_S, _FINER_STEPS_S = 0.8, (0.4, 0.2)
@@ -38,24 +39,15 @@ _MARGIN = 12
 _BALANCES = 10.0 ** np.arange(-6.0, 7.5, 0.5)
 """Ratios of the white variance to that of the random walk that are tried."""
 
-_LEAST_WHITE_M = 1e-5
-"""Least standard deviation of the white error, metres: navigation is written in digits."""
-
 _WALK_M_PER_S2, _SWAY_M = 0.05, 0.2
 """Standard deviations of a platform's acceleration, m/s², and of its distance from a straight line, metres, where no
 navigation tells them."""
 
-DRIFT_TIMES = (0.05, 0.3, 3.0)
-"""Correlation times of a drift, as parts of the line, each with a part of its variance."""
-
-_PARTS = (0.04, 0.5, 0.46)
-"""Parts of the variance of a drift, by its correlation times."""
-
-_LEAST_ERROR_M = 1e-3
-"""Least standard deviation of the error of a path, metres: frames are not measured better."""
+_DRIFT = {0.05: 0.04, 0.3: 0.5, 3.0: 0.46}
+"""Parts of the variance of a drift by their correlation times, which are parts of the line."""
 
 _LEAST_SEEN_M = 2e-4
-"""Standard deviation below which a part of the error of a path is left out, metres."""
+"""Standard deviation below which a part of the error of a path is left out, metres: positions are written in digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +129,9 @@ class Path:
         times = centers[wide[used]]
         span = float(centers[-1] - centers[0])
         lag = np.abs(times[:, None] - times)
-        drift = sum(part * np.exp(-lag / (span * scale)) for part, scale in zip(_PARTS, DRIFT_TIMES, strict=True))
+        drift = sum(part * np.exp(-lag / (span * scale)) for scale, part in _DRIFT.items())
         since = times - centers[0]
-        slow = (self.drift_m**2 + _LEAST_ERROR_M**2) * drift + self.velocity_error_m_per_s**2 * np.outer(since, since)
+        slow = (self.drift_m**2 + PLACE_ERROR_M**2) * drift + self.velocity_error_m_per_s**2 * np.outer(since, since)
         roots = []
         for bands in self.precision:
             own = np.diag(bands[3, wide])
@@ -210,7 +202,7 @@ def _smoothed(
         coefficients = cho_solve_banded((root, False), right)
         residual = centred - np.sum(values * coefficients[index], axis=1)
         energy = float(residual @ centred) / (len(places) - 2)
-        variance = max(energy, error_m**2, _LEAST_WHITE_M**2)
+        variance = max(energy, error_m**2, _LEAST_SEEN_M**2)
         score = (len(places) - 2) * (np.log(variance) + energy / variance)
         score += 2 * float(np.sum(np.log(root[3]))) - (len(rough[3]) - 2) * np.log(balance)
         if score < least:
@@ -255,7 +247,7 @@ def reckoned(time_s: FloatArray, velocity_m_per_s: FloatArray, error_m_per_s: fl
     basis = Basis.over(float(time_s[0]), float(time_s[-1]), _STEP_S)
     places = np.outer(basis.centers - basis.first, velocity_m_per_s)
     bands = _roughness(basis.count) / (_WALK_M_PER_S2 * basis.step**2) ** 2
-    bands[3] += 1 / (_SWAY_M if error_m_per_s else _LEAST_ERROR_M) ** 2
+    bands[3] += 1 / (_SWAY_M if error_m_per_s else PLACE_ERROR_M) ** 2
     return Path(basis, places, np.array([bands] * 3), 0.0, error_m_per_s)
 
 
@@ -284,9 +276,6 @@ _FAR = 3.0
 _WANDERS = 1.1
 """Ratio of the field's wander in the world with an angular velocity to that without, above which it is left out. A
 right one made it 0.05 to 0.18 on twelve lines; where targets alone cause the wander it is 1."""
-
-_MOST_BLOCKS = 4000
-"""Into which a line is averaged, so that the cost of the fit is bounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,7 +410,7 @@ class _Gyroscope:
 def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[AttitudePath | None, float]:
     """Return the attitude from both, or None where they disagree, and the recorded one's deviation from it, radians."""
     count = len(known.path.time_s)
-    starts = np.arange(0, count, -(-count // _MOST_BLOCKS))
+    starts = np.arange(0, count, -(-count // BLOCK))  # the cost of the fit is bounded
     walk, rest = known.walk()
     of_walk = np.kron(_averaged(walk, starts)[:, None], np.eye(3))
     constant = np.broadcast_to(np.eye(3), (len(starts), 3, 3))
@@ -448,7 +437,9 @@ def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[Attitu
         attitude = Rotation.from_rotvec(correction) * made
         known = replace(known, state=known.state.moved(step[:size]))
         first = Rotation.from_rotvec(step[-3:]) * first
-    if (np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])).any():
+    if (
+        np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])
+    ).any():  # not the angular velocity of this array
         return None, 0.0
     seen = float(np.mean((recorded * attitude.inv()).as_rotvec() ** 2))
     spread = np.einsum("nap,pq,naq->", rows, covariance, rows, optimize=True) / (3 * len(rows)) + rest

@@ -21,16 +21,15 @@ import numpy as np
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.alternating import locate_alternating
-from tam_calibration.localization.euler import DIPOLE_INDEX
+from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX
 from tam_calibration.localization.euler import locate as locate_by_euler
 from tam_calibration.localization.shared_source import SharedSource, fit_shared
-from tam_calibration.localization.solutions import CHANCE, WORLD_FRAME, EulerSolutions, Status, Survey
+from tam_calibration.localization.solutions import WORLD_FRAME, EulerSolutions, Status, Survey
 from tam_calibration.localization.source_fit import (
-    CURRENT_INDEX,
-    DIPOLES_INDEX,
     SOURCES,
     fit_outputs,
     is_certain,
+    require_gradient,
     require_index,
     start_of,
     whitening_of,
@@ -39,6 +38,7 @@ from tam_calibration.localization.turned_samples import Regional, Samples, locat
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.demodulation import CHANCE
 
 
 def locate(
@@ -138,8 +138,7 @@ def locate_steady(
             "the recording has no attitude, without which the regional field cannot be taken off; of an alternating "
             "source give the frequency"
         )
-    if not calibration.array.has_gradient:
-        raise InputError("the array's geometry determines no gradient, from which sources are located")
+    require_gradient(calibration.array)
     if index != DIPOLE_INDEX and attitude_noise:
         raise Refused(
             f"a {SOURCES[index]} is located with an exact attitude alone: the regional field, turned by an "
@@ -335,9 +334,6 @@ def _not_of_one(index: float) -> str:
 _WIDER = 4
 """Ratio of the width of a band of cosines to that of the one before; the first holds the four slowest."""
 
-_FAR = 1e-3
-"""Probability with which noise alone leaves the place of a sample further from that of all samples."""
-
 
 def _is_apart(own: EulerSolutions, shared: SharedSource) -> np.ndarray:
     """Return which samples by themselves are elsewhere than all together have them: they have several solutions."""
@@ -346,4 +342,4 @@ def _is_apart(own: EulerSolutions, shared: SharedSource) -> np.ndarray:
     off = (own.position_m - shared.position_m) @ shared.across
     spread = shared.across.T @ own.position_covariance_m2 @ shared.across
     size = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])
-    return np.asarray(size > chdtri(off.shape[1], _FAR))
+    return np.asarray(size > chdtri(off.shape[1], CHANCE))

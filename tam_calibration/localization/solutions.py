@@ -14,11 +14,9 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.demodulation import Spectrum
-
-CHANCE = 1e-3
-"""Probability with which noise alone fails a test of fit."""
+from tam_calibration.sources.demodulation import CHANCE, Spectrum
 
 ELLIPSOID_PROBABILITY = 0.95
 """With which a source is within its ellipsoid: what is usual for maps."""
@@ -190,8 +188,6 @@ class EulerSolutions:
 Locate = Callable[[FloatArray, FloatArray | None], EulerSolutions]
 """From outputs and their covariance to the sources."""
 
-_PIECE = 8192
-
 
 def in_pieces(locate: Locate, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
     """Locate samples in pieces of bounded size, so that what is worked out on the way stays small.
@@ -205,11 +201,11 @@ def in_pieces(locate: Locate, outputs: FloatArray, covariance: FloatArray | None
     covariance : (9, 9) or (8, 8) or (N, …) array, optional
         Of the outputs, for all samples or each.
     """
-    if len(outputs) <= _PIECE:
+    if len(outputs) <= BLOCK:
         return locate(outputs, covariance)
     parts = []
-    for start in range(0, len(outputs), _PIECE):
-        part = slice(start, start + _PIECE)
+    for start in range(0, len(outputs), BLOCK):
+        part = slice(start, start + BLOCK)
         own = covariance if covariance is None or np.ndim(covariance) == 2 else covariance[part]
         parts.append(locate(outputs[part], own))
     return EulerSolutions.joined(parts)

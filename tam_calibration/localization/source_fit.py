@@ -25,7 +25,8 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution, root_of, scaled, solution_at, solve_damped
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.euler import DIPOLE_INDEX, locate
+from tam_calibration.fit.recorded_attitude import across_of
+from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX, locate
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
@@ -84,10 +85,7 @@ def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating:
     return np.asarray(errors @ vectors[:, squares > _SMALLEST**2])
 
 
-CURRENT_INDEX, DIPOLES_INDEX = 1.0, 2.0
-"""Structural indices of a line of current and of a line of dipoles."""
-
-_SMALLEST_STEP = 1e-11
+SMALLEST_STEP = 1e-11
 """Part of a distance, of radians and of a strength below which a step is the last."""
 
 _ACROSS = np.eye(3)[:2]
@@ -179,10 +177,8 @@ class Lines:
     def of(cls, points_m: FloatArray, weights: FloatArray, start: FloatArray, index: float) -> "Lines":
         """Return what is read along the axes of each line to begin with (N, 6)."""
         along = start[:, 3:] / norm(start[:, 3:], axis=1, keepdims=True)
-        first = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
-        first /= norm(first, axis=1, keepdims=True)
-        axes = np.stack([first, np.cross(along, first), along], axis=2)
-        return cls.seen_along(axes, points_m, weights, index)
+        axes = np.concatenate([across_of(along), along[:, None]], axis=1)
+        return cls.seen_along(np.swapaxes(axes, 1, 2), points_m, weights, index)
 
     @classmethod
     def seen_along(cls, axes: FloatArray, points_m: FloatArray, weights: FloatArray, index: float) -> "Lines":
@@ -272,9 +268,9 @@ def _is_last_step(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
     """Return whether steps (N, 5 or 6) hardly change places, directions and strengths."""
     across, along, strength = (norm(each, axis=1) for each in np.split(step, (2, 4), axis=1))
     return np.asarray(
-        (across <= _SMALLEST_STEP * norm(unknowns[:, :2], axis=1))
-        & (along <= _SMALLEST_STEP)
-        & (strength <= _SMALLEST_STEP * norm(unknowns[:, 4:], axis=1))
+        (across <= SMALLEST_STEP * norm(unknowns[:, :2], axis=1))
+        & (along <= SMALLEST_STEP)
+        & (strength <= SMALLEST_STEP * norm(unknowns[:, 4:], axis=1))
     )
 
 
@@ -334,9 +330,9 @@ class Dipoles:
         return predicted, by_place - by_moment @ (inverse @ by_place)
 
 
-def _is_small(places_m: FloatArray, step: FloatArray) -> np.ndarray:
-    """Return whether steps (N, 3) hardly change places."""
-    return np.asarray(norm(step, axis=1) <= 1e-11 * norm(places_m, axis=1))
+def hardly_moves(places_m: FloatArray, step: FloatArray) -> np.ndarray:
+    """Return whether steps (N, D) hardly change places (N, D)."""
+    return np.asarray(norm(step, axis=1) <= SMALLEST_STEP * norm(places_m, axis=1))
 
 
 def fit_fields(
@@ -381,7 +377,7 @@ def fit_fields(
         return fit_lines(data, points_m, weights, start, index)
     dipoles, all_of_them = Dipoles(points_m, weights), np.arange(len(values))
     with np.errstate(over="ignore", invalid="ignore"):  # what a step leads far away makes no field there
-        places = solve_damped(partial(dipoles.predict_projected, data), data, start[:, :3], _is_small)
+        places = solve_damped(partial(dipoles.predict_projected, data), data, start[:, :3], hardly_moves)
         unknowns = dipoles.with_moments(data, places.unknowns, all_of_them)[0]
         solution = solution_at(dipoles.predict, data, unknowns, places.is_found)
         field_T = dipole_field(-unknowns[:, :3], unknowns[:, 3:])[0]
@@ -481,6 +477,18 @@ def require_index(index: float) -> None:
             "the structural index must be 3 of a dipole, 2 of a line of dipoles or 1 of a line of current, not "
             f"{index:g}"
         )
+
+
+def require_gradient(array: Array) -> None:
+    """Refuse an array whose geometry determines no gradient.
+
+    Raises
+    ------
+    InputError
+        When it is such an array.
+    """
+    if not array.has_gradient:
+        raise InputError("the array's geometry determines no gradient, from which sources are located")
 
 
 def locate_with_baselines(

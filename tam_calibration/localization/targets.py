@@ -12,22 +12,24 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.line_data import direction_wander, line_data
 from tam_calibration.localization.line_path import Path, attitude_path, path_of, reckoned
 from tam_calibration.localization.solutions import standard_errors
-from tam_calibration.localization.source_fit import errors_of
+from tam_calibration.localization.source_fit import PLACE_ERROR_M, errors_of, require_gradient
 from tam_calibration.localization.target_search import FARTHEST_M, LEAST_GAIN, UNEXPLAINED, Found, search
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import SPEED
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.dipole import VACUUM_PERMEABILITY
 
 WITHIN_BODY, NEAR_BODY = 0.75, 1.0
-"""Distance between dipoles, over that from the path, below which they are parts of one body, and below which an
-uncertain or doubtful one is a part of the body near it: a body as large as its distance shows as dipoles that far
-apart."""
+"""Distance between dipoles, or sightings, over that from the path, below which they are those of one body, and below
+which an uncertain or doubtful one is a part of the body near it: a body as large as its distance shows as dipoles that
+far apart."""
 
 LARGEST_MISFIT = 3.0
 """Mean squared residual, over the noise, above which a target that no further dipole explains is no dipole: a path that
@@ -39,16 +41,6 @@ thirtieth of the neighbour's, which errors of the array can make."""
 
 _LARGEST_ERROR = 0.3
 """Standard error of a place, over its distance, beyond which first order says nothing."""
-
-_SAME = 21.11
-"""Square of the distance between two sightings over their covariance, below which they are of one object: χ² of three
-degrees of freedom exceeds it with a probability of 1e-4."""
-
-_FARTHEST = 0.5
-"""Distance between sightings of one object over its distance from the line: targets are found to less than that."""
-
-_SPHERE_AM2_PER_TM3 = 4 * np.pi / (4e-7 * np.pi)
-"""Moment of a sphere of high permeability over its radius cubed and the field: 4π a³ B/µ0 (Jackson 1999, 5.11)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +101,9 @@ class Target:
     @property
     def sphere_diameter_m(self) -> float:
         """Diameter of the soft iron sphere in which the field induces a moment of this size, metres."""
-        return float(2 * (norm(self.moment_Am2) / (_SPHERE_AM2_PER_TM3 * norm(self.field_T))) ** (1 / 3))
+        # A sphere of radius a and high permeability has the moment 4π a³ B/µ0 (Jackson 1999, 5.11).
+        cubed_m3 = VACUUM_PERMEABILITY * norm(self.moment_Am2) / (4 * np.pi * norm(self.field_T))
+        return float(2 * np.cbrt(cubed_m3))
 
 
 def targets_of(found: Sequence[Found], field_T: FloatArray) -> list[Target]:
@@ -203,12 +197,15 @@ def merged(lines: Sequence[Sequence[Target]]) -> list[Target]:
     lines : sequence of sequences of Target
         Of each line, positions in one world.
     """
+    from scipy.special import chdtri
+
+    farthest = chdtri(3, SIGNIFICANT)  # square of the distance of two sightings of one object over their covariance
     objects: list[list[Target]] = []
     for targets in lines:
         own = list(objects)
         for target in by_evidence(targets):
             same = min(own, key=lambda seen: _distance(seen, target), default=None)
-            if same is None or _distance(same, target) > _SAME:
+            if same is None or _distance(same, target) > farthest:
                 objects.append([target])
             else:
                 same.append(target)
@@ -221,7 +218,7 @@ def _distance(seen: Sequence[Target], target: Target) -> float:
     nearest = np.inf
     for other in seen:
         off = other.position_m - target.position_m
-        if norm(off) < _FARTHEST * max(other.distance_m, target.distance_m):
+        if norm(off) < WITHIN_BODY * max(other.distance_m, target.distance_m):
             spread = other.position_covariance_m2 + target.position_covariance_m2
             nearest = min(nearest, float(off @ np.linalg.solve(spread, off)))
     return nearest
@@ -259,9 +256,6 @@ def _mean(values: Sequence[FloatArray], covariances: Sequence[FloatArray]) -> tu
 
 DEFAULT_VELOCITY_ERROR = 0.1
 """Standard error of a velocity for which none is stated, as a part of the speed: dead reckoning in a current."""
-
-_NO_ERROR_M_PER_S = 1e-9
-"""Largest error of a velocity that counts as none, m/s: it makes 4 µm in an hour."""
 
 _WAY_S = 5.0
 """Time over which the way along a line is measured straight, seconds."""
@@ -338,7 +332,8 @@ def path_in(
         speed = float(norm(velocity_m_per_s))
         error = DEFAULT_VELOCITY_ERROR * speed if velocity_error_m_per_s is None else velocity_error_m_per_s
         SPEED.require("the error of the velocity", error)
-        return reckoned(recording.time_s, velocity_m_per_s, error if error > _NO_ERROR_M_PER_S else 0.0)
+        is_exact = error * np.ptp(recording.time_s) < PLACE_ERROR_M
+        return reckoned(recording.time_s, velocity_m_per_s, 0.0 if is_exact else error)
     if recording.position_m is None:
         raise InputError("the recording has no positions: add columns x_m, y_m, z_m, or state --velocity")
     return path_of(recording.time_s, recording.position_m, position_error_m, position_drift_m)
@@ -369,8 +364,7 @@ def find_targets(recording: Recording, calibration: Calibration, path: Path, att
         raise Refused(misread)
     if recording.attitude is None:
         raise InputError("the recording has no attitude, without which readings cannot be turned into the world")
-    if not calibration.array.has_gradient:
-        raise InputError("the array's geometry determines no gradient, from which sources are located")
+    require_gradient(calibration.array)
     recording = calibration.without_effects(recording)
     assert recording.attitude is not None
     known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))

@@ -22,10 +22,16 @@ TENSOR_OUTPUTS = (3, 4, 5, 6, 7)
 TENSOR_ROWS, TENSOR_COLUMNS = np.array([[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]])
 """Row and column of these components in the tensor."""
 
-UNIT_TENSORS = np.zeros((5, 3, 3))
+
+def _unit_tensors() -> FloatArray:
+    tensors = np.zeros((5, 3, 3))
+    tensors[range(5), TENSOR_ROWS, TENSOR_COLUMNS] = tensors[range(5), TENSOR_COLUMNS, TENSOR_ROWS] = 1
+    tensors[(0, 3), 2, 2] = -1
+    return tensors
+
+
+UNIT_TENSORS = _unit_tensors()
 """(5, 3, 3) symmetric, trace-free tensors in which one of xx, xy, xz, yy, yz is 1."""
-UNIT_TENSORS[range(5), TENSOR_ROWS, TENSOR_COLUMNS] = UNIT_TENSORS[range(5), TENSOR_COLUMNS, TENSOR_ROWS] = 1
-UNIT_TENSORS[(0, 3), 2, 2] = -1
 
 
 def tensors_of(outputs: FloatArray) -> FloatArray:

@@ -233,7 +233,7 @@ class InterpolatedNoise:
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s", "position_m")
 """Channels that may be recorded with the sensors; a channel of NaN only is absent."""
 
-COMPONENTS = {"attitude": 4, "angular_velocity_rad_s": 3, "position_m": 3}
+COMPONENTS = {name: len(columns) for name, columns in _OF_VECTORS.items()}
 """Numbers of a value of each channel that has more than one; one NaN among them makes all NaN."""
 
 BLOCK = 16_384

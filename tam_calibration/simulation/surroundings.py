@@ -16,8 +16,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import quaternion_of
 from tam_calibration.model.units import FloatArray, from_degrees
 
-_GOLDEN_RATIO = (1 + np.sqrt(5)) / 2
-
 
 class Motion(Protocol):
     """What turns the array."""
@@ -146,9 +144,10 @@ class Tumble:
         generator : numpy.random.Generator
             Not used.
         """
+        from scipy.constants import golden
         from scipy.spatial.transform import Rotation
 
-        rates = self.turn_rate / _GOLDEN_RATIO ** np.arange(3)
+        rates = self.turn_rate / golden ** np.arange(3)
         return np.asarray(Rotation.from_euler("XYZ", np.outer(time_s, rates)).as_quat())
 
 
@@ -190,9 +189,11 @@ class Manoeuvre:
         generator : numpy.random.Generator
             Not used.
         """
+        from scipy.constants import golden
+
         yaw = 2 * np.pi * time_s / self.turn_period_s
-        pitch = self.pitch_limit * np.sin(_GOLDEN_RATIO * yaw)
-        roll = self.roll_limit * np.sin(_GOLDEN_RATIO**2 * yaw)
+        pitch = self.pitch_limit * np.sin(golden * yaw)
+        roll = self.roll_limit * np.sin(golden**2 * yaw)
         return quaternion_of(np.stack([roll, pitch, yaw], axis=1))
 
 

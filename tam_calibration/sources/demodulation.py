@@ -17,8 +17,8 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
 
 _PADDING = 4
-_CHANCE = 1e-3
-"""Probability that noise alone makes a peak that is taken for a source."""
+CHANCE = 1e-3
+"""Probability with which noise alone makes a peak that is taken for a source, or fails a test of fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +179,7 @@ def find_frequency(stretch: Stretch, lowest_hz: float, highest_hz: float) -> Spe
 
     rest, span_s = stretch.rest, stretch.span_s
     frequency, power = _periodogram(stretch, lowest_hz, highest_hz)
-    threshold = float(gamma.isf(_CHANCE / len(frequency), rest.shape[1]) / rest.shape[1])
+    threshold = float(gamma.isf(CHANCE / len(frequency), rest.shape[1]) / rest.shape[1])
     best = int(power.argmax())
     if power[best] < threshold:
         raise Refused(

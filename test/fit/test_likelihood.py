@@ -109,7 +109,7 @@ def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, mon
     likelihood = replace(likelihood_of(run, 0.0), intensity=intensity, interpolation_noise=noise)
     matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
     whole = likelihood.linearize(matrix, bias)
-    monkeypatch.setattr("tam_calibration.fit.likelihood._PIECE", 7)
+    monkeypatch.setattr("tam_calibration.fit.likelihood.BLOCK", 7)
     pieces = likelihood.linearize(matrix, bias)
     assert_allclose(pieces.both.information, whole.both.information, rtol=1e-9)
     assert_allclose(pieces.both.score, whole.both.score, rtol=1e-9)

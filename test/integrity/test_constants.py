@@ -6,14 +6,14 @@ from tam_calibration.integrity import check, fault, placement, repeated, values
 
 STATED = {
     check: {"ENOUGH_TO_CHECK": 18, "_SCREENED": ("frozen", "unit", "zero")},
-    fault: {"MOST_STATED": 3, "SHARED": 0.9, "LARGEST_T": 1e9},
+    fault: {"MOST_STATED": 3, "SHARED": 0.9},
     repeated: {
-        **{"SHORTEST": 10, "PROBES": 16, "LATEST": 4096, "COPIED": 1 - 1e-13},
+        **{"SHORTEST": 10, "PROBES": 16, "COPIED": 1 - 1e-13},
         **{"FINE": 0.1, "MOVED": 0.1, "STEPS": 2, "SAME": 0.8},
     },
     placement: {
         **{"NEAR": 0.8, "FITS": 0.1, "ROUNDING": 0.005, "TILT": 0.1, "FEWEST": 30},
-        **{"NORTH": 0.7, "LEVEL": 0.05, "UNEXPLAINED": 0.02},
+        **{"LEVEL": 0.05, "UNEXPLAINED": 0.02},
     },
     values: {
         **{"APART": 30, "TURNED": 0.02},

@@ -7,7 +7,7 @@ import pytest
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, course, dipole, line, passed
 
 from tam_calibration.localization import locate as run_of_samples
-from tam_calibration.localization import shared_source
+from tam_calibration.localization import shared_source, source_fit
 from tam_calibration.localization.locate import _is_apart, locate_run, regional_beside_current
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
@@ -134,10 +134,8 @@ def beside_a_dipole():
     [
         (run_of_samples, "_MOST_ROUNDS", 20),
         (run_of_samples, "_SETTLED", 0.01),
-        (shared_source, "_MOST_STEPS", 10),
-        (shared_source, "_MOST_STEPS", 60),
-        (shared_source, "_SMALLEST_PLACE", 1e-7),
-        (shared_source, "_SMALLEST_SHARED", 1e-8),
+        (source_fit, "SMALLEST_STEP", 1e-7),
+        (shared_source, "SMALLEST_STEP", 1e-16),
     ],
 )
 def test_what_is_found_does_not_depend_on_when_steps_end(beside_a_dipole, monkeypatch, module, name, value):

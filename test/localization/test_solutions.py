@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.localization.solutions import _PIECE, EulerSolutions, Status, in_pieces
+from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
+from tam_calibration.model.recording import BLOCK
 
 
 def test_every_status_but_located_says_what_would_mend_it():
@@ -29,7 +30,7 @@ def test_refused_samples_have_nothing_but_their_reason():
     assert np.isnan(refused.moment_Am2).all() and np.isnan(refused.moment_covariance_A2m4).all()
 
 
-@pytest.mark.parametrize("count", [_PIECE, _PIECE + 1, 2 * _PIECE + 5])
+@pytest.mark.parametrize("count", [BLOCK, BLOCK + 1, 2 * BLOCK + 5])
 @pytest.mark.parametrize("each_has_its_own", [True, False])
 def test_pieces_make_the_whole(count, each_has_its_own):
     """Every sample is located once, in its place, with its own covariance; more than a piece holds in several."""
@@ -43,7 +44,7 @@ def test_pieces_make_the_whole(count, each_has_its_own):
         return EulerSolutions(part[:, :3], spread, part[:, 3:6], spread, part[:, 7].astype(int))
 
     found = in_pieces(locate, outputs, covariance)
-    assert sum(sizes) == count and max(sizes) <= 8192 and len(sizes) == -(-count // 8192)
+    assert sum(sizes) == count and max(sizes) <= BLOCK and len(sizes) == -(-count // BLOCK)
     assert_allclose(found.position_m, outputs[:, :3])
     assert_allclose(found.moment_Am2, outputs[:, 3:6])
     assert found.status.tolist() == outputs[:, 7].astype(int).tolist()
