@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import LinAlgError, norm
 
-from tam_calibration.core.least_squares import gram
+from tam_calibration.core.least_squares import gram, scaled
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -192,9 +192,8 @@ def fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
 @determined()
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve symmetric systems after scaling the rows and columns to a unit diagonal."""
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), np.finfo(float).tiny))
-    scaled = matrix * scale[..., :, None] * scale[..., None, :]
-    return np.asarray(scale * np.linalg.solve(scaled, (scale * right)[..., None])[..., 0])
+    unit, scale = scaled(matrix)
+    return np.asarray(np.linalg.solve(unit, (right / scale)[..., None])[..., 0] / scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -230,9 +230,14 @@ def reach_of_vehicle(pitch_limit: float, roll_limit: float, inclination: float) 
     InputError
         When the pitch limit lies outside 0 to 90 degrees or the roll limit outside 0 to 180.
     """
+    require_swings(pitch_limit, roll_limit)
+    return _reach([_turn(_STEP), _swing(pitch_limit), _swing(roll_limit)], inclination)
+
+
+def require_swings(pitch_limit: float, roll_limit: float) -> None:
+    """Check the largest angles of pitch and roll of a vehicle, radians."""
     if not (0 <= pitch_limit <= np.pi / 2 and 0 <= roll_limit <= np.pi):
         raise InputError("the pitch limit must lie between 0 and 90 degrees, the roll limit between 0 and 180")
-    return _reach([_turn(_STEP), _swing(pitch_limit), _swing(roll_limit)], inclination)
 
 
 def _turn(step: float) -> FloatArray:

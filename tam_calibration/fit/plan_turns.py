@@ -13,7 +13,7 @@ from tam_calibration.fit.coverage import CELLS, Coverage, judge_coverage, measur
 from tam_calibration.fit.ellipsoid import sphere_center
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import inverted
-from tam_calibration.fit.plan import field_directions
+from tam_calibration.fit.plan import field_directions, require_swings
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -50,8 +50,7 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if not (0 <= self.pitch_limit <= np.pi / 2 and 0 <= self.roll_limit <= np.pi):
-            raise InputError("the pitch limit must lie between 0 and 90 degrees, the roll limit between 0 and 180")
+        require_swings(self.pitch_limit, self.roll_limit)
         if not 0 < self.turn_rate <= np.pi:
             raise InputError("the turn rate must lie above 0 and up to 180 degrees per second")
 
