@@ -33,7 +33,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.surroundings import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 RESULTS = Path(__file__).parent / "results" / "changes_within.csv"
 COUNT, RATE_HZ = 600, 10.0

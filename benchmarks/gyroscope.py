@@ -44,7 +44,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 WITHIN = 1.959964
 """Standard errors that hold 95 %."""

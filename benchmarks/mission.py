@@ -44,7 +44,7 @@ from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel, Manoeuvre
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 RESULTS = Path(__file__).parent / "results" / "mission.csv"
 TILTS_DEG = (5.0, 10.0, 20.0, 30.0)

@@ -36,7 +36,7 @@ from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors, residual_series
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
-from tam_calibration.simulation.surroundings import Manoeuvre, Motion, Tumble
+from tam_calibration.simulation.conditions import Manoeuvre, Motion, Tumble
 from tam_validation.blind.vehicle import Body, driven
 
 RESULTS = Path(__file__).parent / "results" / "platform_field.csv"

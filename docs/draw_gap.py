@@ -14,7 +14,7 @@ from tam_calibration.report.gap_cause_plots import GapView
 from tam_calibration.report.gap_residual_plots import plot_map
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import ScalarReference, Temperature
+from tam_calibration.simulation.conditions import ScalarReference, Temperature
 
 TARGET = Path(__file__).parent / "images" / "gap.png"
 DRIFT_NT_PER_K = np.array([0.6, -0.2, 0.4])

@@ -6,7 +6,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.surroundings import (
+from tam_calibration.simulation.conditions import (
     AttitudeChannel,
     Current,
     ScalarReference,

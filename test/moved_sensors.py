@@ -11,7 +11,7 @@ from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 SIZES = {"scale factor": 4e-4, "non-orthogonality": 6e-4, "bias": 2e-8, "misalignment": 1e-3}
 """Twenty nanotesla, or as much of the field."""

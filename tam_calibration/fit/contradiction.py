@@ -357,10 +357,7 @@ class Unnamed(NamedTuple):
 
 
 def unnamed_changes(
-    difference: Difference,
-    prior: Prior,
-    found: Sequence[Sequence[Change]],
-    candidates: Sequence[Sequence[Change]],
+    difference: Difference, prior: Prior, found: Sequence[Sequence[Change]], candidates: Sequence[Sequence[Change]]
 ) -> list[Unnamed]:
     """Return what may have changed together with, or instead of, the changes that are named.
 

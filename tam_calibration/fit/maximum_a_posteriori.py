@@ -141,12 +141,7 @@ def noise_left_in(
 
 
 def update_of(
-    calibration: Calibration,
-    prior: Prior,
-    used: Prior,
-    chi_square: float,
-    freedom: int,
-    moved: tuple[Moved, ...] = (),
+    calibration: Calibration, prior: Prior, used: Prior, chi_square: float, freedom: int, moved: tuple[Moved, ...] = ()
 ) -> Update:
     """Return how a calibration came from its prior.
 

@@ -6,12 +6,7 @@ import numpy as np
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.amplitude_fit import (
-    AmplitudeFit,
-    Amplitudes,
-    locate_amplitudes,
-    require_one_source,
-)
+from tam_calibration.localization.amplitude_fit import AmplitudeFit, Amplitudes, locate_amplitudes, require_one_source
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import (
     ARRAY_FRAME,

@@ -28,11 +28,7 @@ _FIELD_CHI_SQUARE, _TENSOR_CHI_SQUARE, _DEVIATIONS = 14.16, 18.21, 3.0
 
 
 def locate(
-    outputs: FloatArray,
-    covariance: FloatArray | None = None,
-    *,
-    index: float = DIPOLE_INDEX,
-    constrained: bool = True,
+    outputs: FloatArray, covariance: FloatArray | None = None, *, index: float = DIPOLE_INDEX, constrained: bool = True
 ) -> EulerSolutions:
     """Locate the source of each sample; a sample's result does not depend on its neighbours.
 

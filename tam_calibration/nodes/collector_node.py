@@ -15,7 +15,7 @@ from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.fit.coverage import Coverage
-from tam_calibration.fit.plan_turns import LiveCoverage
+from tam_calibration.fit.turns import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are
 from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, SampleLayout
 from tam_calibration.messages.samples import turns_of

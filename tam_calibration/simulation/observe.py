@@ -24,14 +24,7 @@ from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording, is_further, require_further
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.simulation.surroundings import (
-    AttitudeChannel,
-    Current,
-    Drift,
-    Motion,
-    ScalarReference,
-    Temperature,
-)
+from tam_calibration.simulation.conditions import AttitudeChannel, Current, Drift, Motion, ScalarReference, Temperature
 from tam_calibration.sources.dipole import Dipole
 
 MOST_READINGS = 8_000_000

@@ -14,7 +14,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
-from tam_calibration.simulation.surroundings import Motion, RandomEulerAngles, ThreeAxisTurns
+from tam_calibration.simulation.conditions import Motion, RandomEulerAngles, ThreeAxisTurns
 
 RUNS = 50
 """Monte Carlo experiments of each point, as the paper has them."""

@@ -14,7 +14,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import RandomAttitudes, ThreeAxisTurns
+from tam_calibration.simulation.conditions import RandomAttitudes, ThreeAxisTurns
 
 FIELD = 54955.83e-9 * np.array([0.42, 0.21, -0.883]) / np.linalg.norm([0.42, 0.21, -0.883])
 

@@ -19,7 +19,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel, Manoeuvre
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 PIER_S = 1.7e9
 

@@ -20,7 +20,7 @@ from tam_calibration.fit.likelihood import (
 )
 from tam_calibration.fit.reference import interpolate
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel
 
 UNIT_T = 5e-5
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]]) * 1e-9

@@ -7,7 +7,7 @@ import pytest
 from live_mission import dive, rates_of_dive
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.plan_turns import LiveCoverage
+from tam_calibration.fit.turns import LiveCoverage
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.recording import Recording

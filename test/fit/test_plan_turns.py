@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.plan_turns import Vehicle, _angles, best_turns, excess_of
 from tam_calibration.fit.prior import prior_of
+from tam_calibration.fit.turns import Vehicle, _angles, best_turns, excess_of
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording

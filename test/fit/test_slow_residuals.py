@@ -23,7 +23,7 @@ from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import Manoeuvre, Tumble
+from tam_calibration.simulation.conditions import Manoeuvre, Tumble
 
 LASTS = 20
 """Samples that the slow noise lasts for: a twelfth of a block of the recordings."""

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.simulation.surroundings import (
+from tam_calibration.simulation.conditions import (
     Manoeuvre,
     RandomAttitudes,
     RandomEulerAngles,

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.simulation.surroundings import ObservedDrift, RampDrift, SinusoidDrift, field_from_elements
+from tam_calibration.simulation.conditions import ObservedDrift, RampDrift, SinusoidDrift, field_from_elements
 from tam_calibration.sources.dipole import Dipole
 
 SITE = np.array([-4e-6, 25e-6, -48e-6])

@@ -14,7 +14,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import ORIENTATIONS, SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.surroundings import (
+from tam_calibration.simulation.conditions import (
     AttitudeChannel,
     Manoeuvre,
     RandomAttitudes,

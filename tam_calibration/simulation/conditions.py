@@ -1,4 +1,4 @@
-"""What a simulated array does and meets: its attitudes, the channels recorded with it, and the site's field.
+"""The conditions of a simulated run: how the array turns, the channels recorded with it, and the field of the site.
 
 Each motion has ``attitudes(time_s, generator)``: (N,) times in seconds and the numpy generator of this motion to
 (N, 4) quaternions x, y, z, w, from the array frame to the world's east, north, up. Each channel has ``readings``, which
