@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from tam_calibration.core.noise import COSINES
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.alternating import locate_alternating
@@ -317,7 +318,8 @@ def _require_noise(shared: SharedSource, index: float) -> None:
     energy = np.sum(dct(shared.residuals, axis=0, norm="ortho") ** 2, axis=1)
     waves = dct(shared.slopes, axis=0, norm="ortho")
     taken = np.einsum("ndp,pq,ndq->n", waves, shared.solution.covariance[0], waves, optimize=True)
-    edges = [0, *(_WIDER**power for power in range(1, 20) if _WIDER**power < len(energy))]
+    # Bands of cosines: the slowest, and then each as many times wider.
+    edges = [0, *(COSINES**power for power in range(1, 20) if COSINES**power < len(energy))]
     for low, high in pairwise([*edges, len(energy)]):
         left, own = float(energy[low:high].sum()), float((shared.freedom - taken)[low:high].sum())
         if chdtrc(own, left) * len(edges) < CHANCE:
@@ -329,10 +331,6 @@ def _require_noise(shared: SharedSource, index: float) -> None:
 
 def _not_of_one(index: float) -> str:
     return f"the samples are not those of one {SOURCES[index]} at rest beside a uniform regional field"
-
-
-_WIDER = 4
-"""Ratio of the width of a band of cosines to that of the one before; the first holds the four slowest."""
 
 
 def _is_apart(own: EulerSolutions, shared: SharedSource) -> np.ndarray:

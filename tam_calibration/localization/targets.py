@@ -119,7 +119,8 @@ def targets_of(found: Sequence[Found], field_T: FloatArray) -> list[Target]:
     field_T : (3,) array
         Regional field, tesla.
     """
-    groups = _bodies([each for each in found if _is_there(each)])
+    evident = [each for each in found if each.gain > LEAST_GAIN * max(each.misfit, 1.0)]
+    groups = _bodies([each for each in evident if each.distance_m < FARTHEST_M])
     targets = [(_target(group, field_T), _is_placed(group[0])) for group in groups]
     return by_evidence(each for each, is_placed in targets if is_placed or each.is_extended)
 
@@ -127,11 +128,6 @@ def targets_of(found: Sequence[Found], field_T: FloatArray) -> list[Target]:
 def by_evidence(targets: Iterable[Target]) -> list[Target]:
     """Return targets, the strongest evidence first."""
     return sorted(targets, key=lambda each: -each.evidence)
-
-
-def _is_there(each: Found) -> bool:
-    """Return whether the evidence for a dipole in sight is enough."""
-    return each.gain > LEAST_GAIN * max(each.misfit, 1.0) and each.distance_m < FARTHEST_M
 
 
 def _is_placed(each: Found) -> bool:

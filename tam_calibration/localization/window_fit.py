@@ -156,8 +156,7 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
         if not _can_be(window, tried):
             return np.inf
         off, residual = tried - expected, window.linearized(tried, False)[0]
-        total = float(np.sum(residual**2) + off @ precision @ off)
-        return total if np.isfinite(total) else np.inf
+        return float(np.sum(residual**2) + off @ precision @ off)
 
     lowest, stalled = cost(unknowns), 0
     free = np.arange(len(start))
