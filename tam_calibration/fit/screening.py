@@ -35,6 +35,10 @@ _COMPARED = 3
 """Sensors from which each is compared with the mean of the others; fewer are compared with the intensity."""
 
 
+_MEDIANS = {1: 0.45494, 3: 2.36597}
+"""Of χ² by its degrees of freedom: SciPy, which has them, takes as long to load as a calibration."""
+
+
 @dataclass(frozen=True, eq=False)
 class LeftOut:
     """The samples that are left out, each with the sensor that contradicts the others most.
@@ -191,8 +195,6 @@ class _Judge:
     def __init__(
         self, fit: Callable[[SampleSource, KnownNoiseArray], SensorErrors], source: SampleSource, array: Array
     ) -> None:
-        from scipy.special import chdtri
-
         noisy, some = complete_noise(array, source)[0], source.thinned(SKETCH)
         self._errors = errors = fit(source, noisy)
         count = errors.sensor_count
@@ -201,7 +203,7 @@ class _Judge:
         self._intensity_T = float(np.median(norm(errors.restore(some.readings_T).mean(axis=1), axis=1)))
         freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
         distances = self._distances(some)
-        scale = np.nanmedian(distances, axis=0) / chdtri(freedom, 0.5)
+        scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
         self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
         # Probability that a sound recording loses a sample.
         exponent = np.log(distances.size / 1e-3)
