@@ -28,7 +28,7 @@ from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, of_array, removable
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.exceptions import TIMES, InputError, first_at
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, first_at
 from tam_calibration.model.recording import Recording, channel_in_words
 from tam_calibration.model.units import FloatArray, IntArray
 
@@ -350,7 +350,7 @@ class ContradictionSearch:
             codes[is_wrong] |= 1 << sensor
             self._wrong[sensor] += int(is_wrong.sum())
             first_s = self._first_s.setdefault(sensor, [])
-            first_s += (time_s[is_wrong][: TIMES - len(first_s)] - self._begin_s).tolist()
+            first_s += (time_s[is_wrong][: MOST_NAMED - len(first_s)] - self._begin_s).tolist()
         return codes
 
     def sentences(self) -> Iterator[str]:

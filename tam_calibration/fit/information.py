@@ -39,7 +39,7 @@ from tam_calibration.fit.ellipsoid import (
 )
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused
 from tam_calibration.model.recording import BLOCK, SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -572,8 +572,8 @@ def find_weakness(recording: Recording, calibration: Calibration) -> Weakness:
 def _worst(ratio: FloatArray) -> tuple[str, ...]:
     weak = ratio > _WEAK_RELATIVE_ERROR
     largest = np.where(weak, ratio, 0).max(axis=0)
-    # Parameters that are named: the worst tell what to do.
-    ordered = np.argsort(-largest)[: min(3, int(weak.any(axis=0).sum()))]
+    # The worst tell what to do.
+    ordered = np.argsort(-largest)[: min(MOST_NAMED, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
     times = [f"{ratio:.3g} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]
     return tuple(f"{_name_open(weak & own)} {each}" for each, own in zip(times, only, strict=True))

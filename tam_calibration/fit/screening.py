@@ -16,7 +16,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.streaming import left_out
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.exceptions import TIMES, InputError, Refused, first_at
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused, first_at
 from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
@@ -107,7 +107,7 @@ class LeftOut:
 def _when(place: IntArray, time_s: FloatArray) -> str:
     """Return when some readings were made: between two times, every so many, or the first times."""
     steps = np.unique(np.diff(place))
-    if len(place) > TIMES and len(steps) == 1:
+    if len(place) > MOST_NAMED and len(steps) == 1:
         span = f"between {time_s[0]:.2f} and {time_s[-1]:.2f} s"
         return f"all {span}" if steps[0] == 1 else f"every {_ordinal(int(steps[0]))} {span}"
     return first_at(time_s.tolist())

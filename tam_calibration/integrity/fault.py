@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from tam_calibration.correction.acceptance import LIMITS
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused
 from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -30,9 +30,6 @@ CHANNEL_FAULTS = {
 
 ACCEPTABLE = {**CHANNEL_FAULTS, "accuracy": "noise that leaves parameters open", **LIMITS}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
-
-MOST_STATED = 3
-"""Faults that a refusal states in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
 
 Severity = Literal["refusal", "warning", "note"]
 
@@ -137,8 +134,8 @@ def refuse(faults: Iterable[Fault]) -> None:
     found = list(faults)
     if not found:
         return
-    more = f"; and {len(found) - MOST_STATED} more such findings" if len(found) > MOST_STATED else ""
-    sentences = "; ".join(fault.sentence for fault in found[:MOST_STATED])
+    more = f"; and {len(found) - MOST_NAMED} more such findings" if len(found) > MOST_NAMED else ""
+    sentences = "; ".join(fault.sentence for fault in found[:MOST_NAMED])
     names = ", ".join(dict.fromkeys(fault.name for fault in found))
     raise Refused(f"{sentences}{more}; correct that, or accept it by name: {names}")
 

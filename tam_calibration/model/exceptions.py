@@ -48,13 +48,14 @@ _REPR = Repr()
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = MOST_QUOTED
 
 
-TIMES = 3
-"""Times that a sentence names."""
+MOST_NAMED = 3
+"""Times, faults or parameters that a sentence names: one cause, such as a dead converter, shows in the three axes of a
+sensor."""
 
 
 def first_at(times_s: Sequence[float]) -> str:
     """Return the first of some times, seconds, in words."""
-    return f"first at {', '.join(f'{time_s:.2f}' for time_s in times_s[:TIMES])} s"
+    return f"first at {', '.join(f'{time_s:.2f}' for time_s in times_s[:MOST_NAMED])} s"
 
 
 def quoted(value: Any) -> str:
