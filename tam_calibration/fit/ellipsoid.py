@@ -15,6 +15,7 @@ import numpy as np
 from numpy.linalg import LinAlgError, norm
 
 from tam_calibration.core.least_squares import gram, scaled
+from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -246,6 +247,10 @@ class Normalized:
         if scalar_T is None:
             return np.full(count, np.nan if self.has_scalar else 1.0)
         return scalar_T / self.radius_T
+
+    def noise_of(self, array: KnownNoiseArray) -> tuple[FloatArray, float]:
+        """Return the noise (K,) of an array's sensors, and of the intensity, in units of the radius."""
+        return array.vector_noise_T / self.radius_T, array.scalar_noise_T / self.radius_T if self.has_scalar else 0.0
 
     def errors_at(self, matrix: FloatArray, bias: FloatArray) -> tuple[SensorErrors, float]:
         """Return the errors of sensors in the frame of the first, and by how much their scale exceeds that of the data.

@@ -450,10 +450,8 @@ def _by_block(
 
 def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: bool) -> Likelihood:
     """Return that of samples about the biases, in units of the intensity."""
-    array, intensity_T = calibration.array, calibration.intensity_T
-    data = Normalized(recording, calibration.errors.bias_T, intensity_T, has_scalar)
-    scalar_noise = array.scalar_noise_T / intensity_T if has_scalar else 0.0
-    return Likelihood(data.points, data.intensity, array.vector_noise_T / intensity_T, scalar_noise)
+    data = Normalized(recording, calibration.errors.bias_T, calibration.intensity_T, has_scalar)
+    return Likelihood(data.points, data.intensity, *data.noise_of(calibration.array))
 
 
 def student_noises(

@@ -56,9 +56,8 @@ class PartModel:
     def of(cls, recording: Recording, array: KnownNoiseArray) -> "PartModel | None":
         """Calibrate a part of a recording with sensors of any hand; None where its readings do not determine that."""
         data = normalize(recording)
-        scalar = array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
         try:
-            matrix, bias = principal_form(data, array.vector_noise_T / data.radius_T, scalar)
+            matrix, bias = principal_form(data, *data.noise_of(array))
             unmix = inv(matrix)
         except (InputError, LinAlgError):
             return None
