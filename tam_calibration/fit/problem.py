@@ -85,7 +85,7 @@ class Known:
         ``LOCAL_STANDARD_ERROR_T`` in each component.
     variance_factors : VarianceFactors
         By how much what each channel of the readings tells varies more than by white noise of the stated size: see
-        ``slow_residuals``.
+        ``estimate``.
     curvature : (Q, Q) array, optional
         Covariance of the score of this recording, over the unknowns, by what is no straight line over what stays
         uncertain; it widens the covariance, and does not move the errors.

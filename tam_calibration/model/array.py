@@ -80,7 +80,7 @@ class Array:
         Standard deviation of the rotation of the attitude's frame against the array's about each axis, radians. None
         means that the rotation is unknown.
     further_channels : tuple of str
-        Currents and actuators, in addition to ``current_A``, that the nodes listen to; see ``further_channels``.
+        Currents and actuators, in addition to ``current_A``, that the nodes listen to; see ``require_further``.
     tolerances : Tolerances, optional
         How large the errors of new sensors may be; None if nothing is known before a fit.
     gyroscope : Gyroscope, optional

@@ -326,7 +326,7 @@ class Recording:
         Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN if missing. One NaN makes all
         four components NaN.
     further : mapping of str to (N,) array
-        Further currents and actuators by their names, see ``further_channels``; NaN if missing.
+        Further currents and actuators by their names, see ``require_further``; NaN if missing.
     interpolated_noise : InterpolatedNoise, optional
         Effect of interpolation on the sensors' noise; None if no reading was interpolated.
     angular_velocity_rad_s : (N, 3) array, optional

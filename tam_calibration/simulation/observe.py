@@ -64,7 +64,7 @@ class Scenario:
     effects : tuple of FittedEffect
         Physical effects beyond the sensors' errors.
     further : mapping of str to Current
-        Further currents and actuators by name, see ``further_channels``.
+        Further currents and actuators by name, see ``require_further``.
     gyroscope : Gyroscope, optional
         What records the angular velocity of a motion that is steady.
 
