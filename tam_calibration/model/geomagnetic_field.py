@@ -189,13 +189,11 @@ class FieldBounds:
             if not low <= value <= high:
                 raise self._refusal(f"sensor {sensor + 1} reads", value)
 
-    def _hint(self, tesla: float) -> str:
-        """Return which mistake of units takes a field within the bounds for another, as a question."""
-        fits = [name for name, factor in _UNITS.items() if self.hold(tesla / factor)]
-        return f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"
-
     def _refusal(self, subject: str, tesla: float) -> InputError:
-        return InputError(f"{subject} {tesla * 1e6:.4g} µT, but {self}: {self._hint(tesla)}")
+        """Say what is wrong, and ask which mistake of units takes a field within the bounds for another."""
+        fits = [name for name, factor in _UNITS.items() if self.hold(tesla / factor)]
+        hint = f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"
+        return InputError(f"{subject} {tesla * 1e6:.4g} µT, but {self}: {hint}")
 
 
 EARTH_FIELD = FieldBounds(15e-6, 100e-6, "the Earth's")

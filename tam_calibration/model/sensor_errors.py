@@ -382,7 +382,8 @@ class ResidualSums:
 
     def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
         self._intensity_T, self._sensors = intensity_T, errors.sensor_count
-        unmix = _block_diagonal(errors.inverse)
+        # What applies the inverse of each sensor to its own readings.
+        unmix = np.einsum("kl,kij->kilj", np.eye(self._sensors), errors.inverse).reshape(3 * self._sensors, -1)
         self._map = np.concatenate([unmix, array.operator[[0, 1, 2, *TENSOR_OUTPUTS]] @ unmix])
         self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
         self._intensity, self._known = np.zeros(self._sensors + 1), 0
@@ -432,12 +433,6 @@ def measure_residuals(errors: SensorErrors, array: Array, source: SampleSource, 
     for block in source.blocks():
         sums.add(block)
     return sums.result()
-
-
-def _block_diagonal(matrices: FloatArray) -> FloatArray:
-    """Return the (3K, 3K) matrix that applies (K, 3, 3) matrices to the vectors of each sensor."""
-    count = len(matrices)
-    return np.asarray(np.einsum("kl,kij->kilj", np.eye(count), matrices).reshape(3 * count, 3 * count))
 
 
 def noise_floor(errors: SensorErrors, array: KnownNoiseArray, scalar_noise_T: float) -> Residuals:
