@@ -30,8 +30,7 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre, Motion, RandomAttitudes
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre, Motion, RandomAttitudes
 
 RESULTS = Path(__file__).parent / "results" / "ambient_gradient.csv"
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])

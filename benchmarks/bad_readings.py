@@ -24,7 +24,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.simulation.attitude import RandomAttitudes, Tumble
+from tam_calibration.simulation.conditions import RandomAttitudes, Tumble
 
 SAMPLES, PARTS, FIELD_T = 1200, (0.001, 0.01, 0.03, 0.1), 50e-6
 """Two minutes at 10 Hz, spoiled from a single reading to a tenth, in a field of middle latitudes."""

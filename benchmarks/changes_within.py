@@ -23,8 +23,7 @@ from mission import DIVE_S, PIER_S, WITHIN_95, drawn, pier, scenario_of
 from rich.console import Console
 from rich.progress import track
 
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import COMMON_SCALE, KINDS
+from tam_calibration.correction.calibration import COMMON_SCALE, KINDS, Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.prior import in_first_frame, prior_of
@@ -34,7 +33,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 RESULTS = Path(__file__).parent / "results" / "changes_within.csv"
 COUNT, RATE_HZ = 600, 10.0

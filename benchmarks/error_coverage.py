@@ -25,7 +25,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.simulation.attitude import Tumble
+from tam_calibration.simulation.conditions import Tumble
 
 SAMPLES = (20, 60, 600, 3000, 20_000)
 RATE_HZ, NOISE_T, FIELD_T = 10.0, 2e-9, 50e-6

@@ -37,7 +37,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel
 
 RESULTS = Path(__file__).parent / "results" / "gradient_truth.csv"
 FIGURES = ("b", *OUTPUT_NAMES[3:], "I1", "I2", "worst by itself")

@@ -41,11 +41,10 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import measure_residuals
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 WITHIN = 1.959964
 """Standard errors that hold 95 %."""

@@ -32,12 +32,11 @@ from tam_calibration.fit.ellipsoid import free_scale, normalize
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.maximum_likelihood import closed_form, maximum_likelihood
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import measure_residuals
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, Simulation, simulate
-from tam_calibration.simulation.attitude import Manoeuvre, Motion
+from tam_calibration.simulation.conditions import Manoeuvre, Motion
 
 RESULTS = Path(__file__).parent / "results" / "limit.csv"
 FREE = np.delete(np.arange(48), [9, 10, 11])

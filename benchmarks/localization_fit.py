@@ -26,7 +26,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.localization.alternating import locate_alternating
-from tam_calibration.localization.survey import Survey
+from tam_calibration.localization.solutions import Survey
 from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.array import UNIT_TENSORS
 from tam_calibration.model.exceptions import Refused

@@ -29,20 +29,18 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.line_fit import DIPOLES_INDEX
-from tam_calibration.localization.one_source import locate_run
+from tam_calibration.localization.euler import DIPOLE_INDEX, DIPOLES_INDEX
+from tam_calibration.localization.locate import locate_run
 from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.localization.turned_samples import Regional, Samples, regional_of
 from tam_calibration.model.array import UNIT_TENSORS, Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, noise_floor
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.sources.demodulation import Poses
 from tam_calibration.sources.dipole import Dipole
-from tam_calibration.sources.poses import Poses
 
 RESULTS = Path(__file__).parent / "results" / "localization_grid.csv"
 _REGIONAL_T = np.array([1e-6, 20e-6, -45e-6])

@@ -22,7 +22,7 @@ from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 from tam_calibration.sources.demodulation import Stretch, background_of, demodulate, turning_of
 from tam_calibration.sources.dipole import Loop
 from tam_validation.papers.wu2025_coil import POSITION_M, RADIUS_M

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
+from tam_calibration.sources.demodulation import Poses
 from tam_calibration.sources.dipole import Dipole, Loop
-from tam_calibration.sources.poses import Poses
 from tam_validation.papers.wu2025_coil import AMPERE_TURNS, HEADINGS_DEG, POSITION_M, RADIUS_M
 
 AMPLITUDE_NOISE_T = from_nanotesla(0.05)

@@ -27,8 +27,7 @@ import numpy as np
 from asked import ANYTHING, Figure, show
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import KINDS
+from tam_calibration.correction.calibration import KINDS, Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.information import inverted
@@ -41,13 +40,11 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import measure_residuals
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 RESULTS = Path(__file__).parent / "results" / "mission.csv"
 TILTS_DEG = (5.0, 10.0, 20.0, 30.0)

@@ -34,10 +34,9 @@ from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import SCALAR
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import residual_series
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, residual_series
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
-from tam_calibration.simulation.attitude import Manoeuvre, Motion, Tumble
+from tam_calibration.simulation.conditions import Manoeuvre, Motion, Tumble
 from tam_validation.blind.vehicle import Body, driven
 
 RESULTS = Path(__file__).parent / "results" / "platform_field.csv"

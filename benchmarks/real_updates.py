@@ -20,7 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from tam_calibration.core.slow_cosines import SlowSums
+from tam_calibration.core.noise import SlowSums
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
@@ -74,7 +74,7 @@ def row(what: str, found: list[FloatArray]) -> tuple[str, ...]:
 def main(paths: tuple[Path, ...], bias_nT: float, white: bool) -> None:
     """Count, and print a table."""
     if white:
-        patch("tam_calibration.fit.slow_residuals._slow_sums", lambda *_: [SlowSums(), SlowSums()]).start()
+        patch("tam_calibration.fit.estimate._slow_sums", lambda *_: [SlowSums(), SlowSums()]).start()
     *of_recordings, of_array = paths
     array = replace(read_array(of_array), change_rates=ChangeRates(bias_per_day=from_nanotesla(bias_nT)))
     recordings = {path.stem: read_recording(path) for path in of_recordings}

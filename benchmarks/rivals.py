@@ -38,7 +38,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, Simulation, simulate
-from tam_calibration.simulation.surroundings import SinusoidDrift
+from tam_calibration.simulation.conditions import SinusoidDrift
 
 Result = TypeVar("Result")
 

@@ -30,8 +30,7 @@ from tam_calibration.fit.reference import interpolate
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.attitude import Tumble
-from tam_calibration.simulation.surroundings import Drift, ScalarReference, SinusoidDrift
+from tam_calibration.simulation.conditions import Drift, ScalarReference, SinusoidDrift, Tumble
 
 RESULTS = Path(__file__).parent / "results" / "slow_scalar.csv"
 READING_EVERY_S = 5.0

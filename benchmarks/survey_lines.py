@@ -19,8 +19,7 @@ from survey_simulator import EARTH_T, KINDS, NOISE_T, Truth, line_of
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.localization.target import Target
-from tam_calibration.localization.targets import find_targets, path_in
+from tam_calibration.localization.targets import Target, find_targets, path_in
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.recording import Recording

@@ -34,7 +34,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings import read_array, read_recording
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 from tam_validation.blind.rates import WITHIN_95
 
 RESULTS = Path(__file__).parent / "results" / "tolerances.csv"

@@ -26,11 +26,11 @@ from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.published import lossless
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import measure_residuals
+from tam_calibration.model.sensor_errors import measure_residuals
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Simulation, simulate
-from tam_calibration.simulation.surroundings import SinusoidDrift
+from tam_calibration.simulation.conditions import SinusoidDrift
 
 DRIFT_T = 8.26e-9
 """Standard deviation of the drift of the field, as in ``docs/explanation/methods.md``."""

@@ -13,7 +13,7 @@ from tam_calibration.model.units import from_nanotesla
 from tam_calibration.report.gap_plots import GapView, plot_map
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import ScalarReference, Temperature
+from tam_calibration.simulation.conditions import ScalarReference, Temperature
 
 TARGET = Path(__file__).parent / "images" / "gap.png"
 DRIFT_NT_PER_K = np.array([0.6, -0.2, 0.4])

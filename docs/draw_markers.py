@@ -20,7 +20,7 @@ from std_msgs.msg import Float64MultiArray, Header
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import configuration_folder
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.live_coverage import LiveCoverage
+from tam_calibration.fit.turns import LiveCoverage
 from tam_calibration.localization.solutions import EulerSolutions
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples, turned
 from tam_calibration.messages.point_cloud import GRADIENT_ROW_MAJOR

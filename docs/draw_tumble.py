@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.model.residuals import residual_series
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, residual_series
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report.page import FLOOR_COLOR, STYLE
 from tam_calibration.results.scenario import read_scenario

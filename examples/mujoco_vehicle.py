@@ -20,7 +20,7 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla
 from tam_calibration.recordings import write_array
 from tam_calibration.results import write_recording
-from tam_calibration.simulation.surroundings import Temperature
+from tam_calibration.simulation.conditions import Temperature
 
 SEED = click.IntRange(min=0)
 

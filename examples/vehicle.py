@@ -19,7 +19,7 @@ from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.simulation.surroundings import Current, Temperature
+from tam_calibration.simulation.conditions import Current, Temperature
 
 VEHICLE = Path(__file__).with_name("vehicle.xml")
 

@@ -6,12 +6,12 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.attitude import Tumble
-from tam_calibration.simulation.surroundings import (
+from tam_calibration.simulation.conditions import (
     AttitudeChannel,
     Current,
     ScalarReference,
     Temperature,
+    Tumble,
     field_from_elements,
 )
 

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.correction.parts import KINDS
+from tam_calibration.correction.calibration import KINDS
 from tam_calibration.fit.contradiction import Difference
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame, prior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 SIZES = {"scale factor": 4e-4, "non-orthogonality": 6e-4, "bias": 2e-8, "misalignment": 1e-3}
 """Twenty nanotesla, or as much of the field."""

@@ -7,7 +7,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import ChangeRates, Tolerances
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 WIDE = Tolerances(0.05, np.radians(2), 3e-6, np.radians(2))
 """What a vehicle's iron adds to a chip: over such errors lengths bend by a hundred times the noise."""

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.model.array import Array
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel
 
 BENCHMARK = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "gradient_truth.py"))
 SOURCES, METHODS = BENCHMARK["SOURCES"], BENCHMARK["methods"]()

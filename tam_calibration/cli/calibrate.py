@@ -88,7 +88,7 @@ def _tables(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
 
 def _remarks(found: Found) -> list[str]:
     """Return what the recording leaves badly determined, what was used of it, and the delays that were found."""
-    from tam_calibration.fit.identifiability import find_weakness
+    from tam_calibration.fit.information import find_weakness
 
     weakness = "" if found.calibration.update else str(find_weakness(found.shown, found.calibration))
     delays = "" if found.delays is None else _delays_in_words(found.delays)

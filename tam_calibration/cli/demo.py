@@ -17,7 +17,7 @@ from tam_calibration.cli.terminal import NamedPath, print_blocks
 from tam_calibration.model.array import TENSOR_OUTPUTS
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.libraries import require
-from tam_calibration.model.residuals import noise_floor
+from tam_calibration.model.sensor_errors import noise_floor
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.nodes.session import NODES, Children, node_commands, ros_session
 from tam_calibration.recordings import provenance

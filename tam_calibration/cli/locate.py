@@ -15,9 +15,8 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.locate import locate_steady
-from tam_calibration.localization.survey import Survey
-from tam_calibration.localization.target import merged
-from tam_calibration.localization.targets import field_map, find_targets, path_in, require_area
+from tam_calibration.localization.solutions import Survey
+from tam_calibration.localization.targets import field_map, find_targets, merged, path_in, require_area
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at

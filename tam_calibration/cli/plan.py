@@ -15,8 +15,8 @@ from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import plan as planning
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
-from tam_calibration.fit.plan_turns import Turn, Vehicle, best_turns, excess_of
 from tam_calibration.fit.prior import prior_of
+from tam_calibration.fit.turns import Turn, Vehicle, best_turns, excess_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at

@@ -14,8 +14,7 @@ from rich.console import Console
 from tam_calibration.cli.terminal import PATH, Answer, answering, path_option, write_together
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import channel_in_words
-from tam_calibration.model.recording import CHANNELS, Recording
+from tam_calibration.model.recording import CHANNELS, Recording, channel_in_words
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.recordings import read_recording, write_array
 from tam_calibration.recordings.bag_storages import storage_alone

@@ -13,8 +13,7 @@ from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import check_numbers, effect_named
 from tam_calibration.effects.removal import agreed_field, filled
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import channel_in_words
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, channel_in_words
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.observe import add_effects

@@ -18,7 +18,7 @@ from tam_calibration.comparison.agreement import (
 from tam_calibration.comparison.result import UNKNOWN, EffectDifference, NoiseDifference, OtherParameters
 from tam_calibration.comparison.side import Side
 from tam_calibration.gap.result import Cause
-from tam_calibration.model.sensors_in_words import sensors_in_words
+from tam_calibration.model.exceptions import sensors_in_words
 
 _OPEN = ("partly_explained", "unexplained")
 """Verdicts that leave an unknown part."""

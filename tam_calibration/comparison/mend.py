@@ -11,8 +11,8 @@ import numpy as np
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.noise import AxisNoise
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.fitted_effect import ALL, FittedEffect
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray
 
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.model.data_sheet import LARGEST_TOLERANCES
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 
 LIMITS = {
     "bias": "a reading in zero field beyond the range of sensors of the Earth's field",
@@ -27,10 +28,10 @@ LIMITS = {
 LARGEST_RATIO = 2.0
 """Of the scale factors of two axes of a sensor. Data sheets allow some per cent, soft iron some ten per cent."""
 
-LARGEST_NON_ORTHOGONALITY = from_degrees(15.0)
+LARGEST_NON_ORTHOGONALITY = LARGEST_TOLERANCES["non_orthogonality"]
 """Of two axes, radians: ten times that of the worst chips; axes that are glued by hand are within it."""
 
-_LARGEST_BIAS_T = 2e-3
+_LARGEST_BIAS_T = LARGEST_TOLERANCES["bias_T"]
 """Tesla: beyond the range of sensors that read the field of the Earth; near the magnets of a phone it is 0.6 mT."""
 
 

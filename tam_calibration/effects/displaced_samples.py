@@ -15,8 +15,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from tam_calibration.core.least_squares import ridged
 from tam_calibration.core.noise import noise_energy
-from tam_calibration.core.normal_equations import ridged
 from tam_calibration.effects.effect import Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
 from tam_calibration.effects.outliers import bursts_of, drawn_bursts, position_nats, samples_in

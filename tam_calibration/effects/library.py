@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import CAUSES, Covariates, Effect, FittedEffect, LinearEffect
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.model.further_channels import is_further
+from tam_calibration.model.recording import is_further
 from tam_calibration.model.sensor_errors import SensorErrors
 
 GROUP = "tam_calibration.effects"

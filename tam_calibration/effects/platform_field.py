@@ -13,7 +13,7 @@ from tam_calibration.effects.lags import SLOWER, followed, time_constants_s
 from tam_calibration.effects.recursions import mode
 from tam_calibration.effects.term import matrix_terms, matrix_units, scalar_term
 from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
-from tam_calibration.model.further_channels import is_further, unit_of
+from tam_calibration.model.recording import is_further, unit_of
 from tam_calibration.model.units import FloatArray
 
 _DEGREES = {2: ("gradient", "1/m"), 3: ("curvature", "1/m²")}

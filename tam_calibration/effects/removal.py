@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import Elimination
+from tam_calibration.core.least_squares import Elimination
 from tam_calibration.effects.effect import SCALAR, Covariates, FittedEffect, LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.recursions import Memory
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import channel_in_words
-from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.recording import BLOCK, Recording, channel_in_words
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 

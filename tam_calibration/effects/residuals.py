@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import ridged
+from tam_calibration.core.least_squares import ridged
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect
 from tam_calibration.model.recording import Recording

@@ -26,24 +26,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import norm, pinv
 
-from tam_calibration.core.least_squares import whitening
+from tam_calibration.core.least_squares import ROUNDING, whitening
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.agreement import SEEN, TOO_FAR, MotionFit
-from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
-from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
-from tam_calibration.fit.identifiability import require_accurate
+from tam_calibration.fit.contradiction import SIGNIFICANT, TOO_FAR, MotionFit, probability_of
+from tam_calibration.fit.estimate import variance_factors
+from tam_calibration.fit.information import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.problem import Known, Problem
-from tam_calibration.fit.recorded_attitude import misread_attitude, strayed, turns_between
-from tam_calibration.fit.slow_residuals import variance_factors
+from tam_calibration.fit.recorded_attitude import (
+    AttitudeLikelihood,
+    WorldView,
+    misread_attitude,
+    strayed,
+    turns_between,
+)
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, for_people, from_degrees, to_degrees
 
 _REMEDY = "record an attitude of gyroscope and accelerometer only, without the magnetometer"
 
@@ -225,7 +229,7 @@ class _Fit(MotionFit):
         followed, is_raw = {}, {}
         for index, name in enumerate(raw.names):
             both = slice(2 * index, 2 * index + 2)
-            own_white = whitening(left[both, both], SEEN)
+            own_white = whitening(left[both, both], ROUNDING)
             along = own_white.T @ own.score[size:][both]
             chi_square, limit = float(along @ along), SIGNIFICANT / len(raw.names)
             if probability_of(chi_square, len(along)) < limit and (own_white @ along).max() > 0:
@@ -366,8 +370,8 @@ USE_IT = (
 )
 
 
-_UNITS = (("", 1.0), ("°", to_degrees(1.0)), (" nT", to_nanotesla(1.0)), ("°", to_degrees(1.0)))
-"""Of scale factor, non-orthogonality, bias and misalignment in a sentence, and of one SI unit in it."""
+_UNITS = ("", "rad", "T", "rad")
+"""Of scale factor, non-orthogonality, bias and misalignment, SI."""
 
 
 def worth_of(recording: SampleSource, calibration: Calibration) -> str:
@@ -404,11 +408,11 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     if ratio.min() > worthless:
         return f"{words}it would reduce no standard error by more than {1 - worthless:.0%}"
     sensor, parameter = np.unravel_index(int(np.argmin(ratio)), ratio.shape)
-    unit, factor = _UNITS[parameter // 3]
+    factor, unit = for_people(_UNITS[parameter // 3])
     before = factor * float(calibration.standard_errors[sensor, parameter])
     return (
         f"{words}it would reduce the standard error of {PARAMETER_NAMES[parameter]} of sensor {sensor + 1} from "
-        f"{before:.2g} to {ratio.min() * before:.2g}{unit}; {USE_IT}"
+        f"{before:.2g} to {ratio.min() * before:.2g}{' ' * (unit == 'nT')}{unit}; {USE_IT}"
     )
 
 
@@ -418,7 +422,7 @@ def _ratio(calibration: Calibration, information: FloatArray) -> FloatArray:
     size, before = len(calibration.covariance), calibration.standard_errors
     cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
     information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)
-    root = calibration.covariance @ whitening(calibration.covariance, SEEN)
+    root = calibration.covariance @ whitening(calibration.covariance, ROUNDING)
     after = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ information @ root, root.T)
     errors = np.sqrt(np.diag(after)).reshape(before.shape)
     return np.asarray(np.divide(errors, before, out=np.ones_like(before), where=before > 0))

@@ -14,13 +14,13 @@ from tam_calibration.correction.acceptance import WRONG_PART
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
-from tam_calibration.fit.identifiability import FEWEST_SAMPLES, require_accurate
+from tam_calibration.fit.information import FEWEST_SAMPLES, require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.reference import FOLLOWS
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
-from tam_calibration.model.residuals import residual_series
+from tam_calibration.model.sensor_errors import residual_series
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 
 SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
@@ -177,9 +177,6 @@ def accepted(recording: SampleSource, array: Array, fit: Fit, accept: Collection
 LOOK_FOR_CAUSE = "look for the cause with tam diagnose"
 """What to do about a residual."""
 
-_FEWEST_FOR_GRADIENT = 3
-"""Sensors that determine a gradient unless they lie on one line."""
-
 
 def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, ...]:
     """Return what speaks against trusting a calibration, one sentence each, the gravest first.
@@ -284,7 +281,8 @@ def _standard_errors(calibration: Calibration) -> str:
 
 
 def _geometry(calibration: Calibration) -> str:
-    if calibration.array.sensor_count < _FEWEST_FOR_GRADIENT or calibration.array.has_gradient:
+    # Three sensors determine a gradient unless they lie on one line.
+    if calibration.array.sensor_count < 3 or calibration.array.has_gradient:
         return ""
     return "the sensors lie on one line, so the outputs have no gradient: place one sensor off that line"
 
@@ -293,7 +291,7 @@ def _first_sensor(calibration: Calibration) -> str:
     """Compare the turns of the other sensors, which all lie askew in the axes of a sensor 1 that does itself."""
     left, _, right = np.linalg.svd(calibration.errors.matrix)
     turns = left @ right
-    if calibration.errors.sensor_count < _FEWEST_FOR_GRADIENT or (np.linalg.det(turns) < 0).any():
+    if calibration.errors.sensor_count < 3 or (np.linalg.det(turns) < 0).any():
         return ""
     sizes = _angles(turns[1:])
     size = float(sizes.min())

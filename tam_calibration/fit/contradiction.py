@@ -1,4 +1,4 @@
-"""Whether data contradict a prior, and the smallest change of the sensors that would explain it.
+"""Whether data contradict a prior, the smallest change of the sensors that would explain it, and agreement in a fit.
 
 With d the difference of data and prior in the errors, V its covariance, P that of the prior and Σ that of both, what
 counts follows from the fit of both, m, alone: V⁻¹ d = P⁻¹ (m - θ₀), and V⁻¹ = P⁻¹ - P⁻¹ Σ P⁻¹. A change E δ of some
@@ -15,22 +15,28 @@ A narrow turn shows few directions well. A contradiction along those may come fr
 all sensors, which have warmed while no temperature was recorded, from a sensor that was repaired, or from other iron
 aboard. Then errors that the turn does not show have changed too. Often the readings leave both possible. The covariance
 of the prior therefore grows by that of each such change times its probability (the law of total variance).
+
+``MotionFit`` compares attitude or angular velocity with all else that a fit is made of.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import slogdet
 
-from tam_calibration.correction.parts import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
+from tam_calibration.core.least_squares import ROUNDING, Normal, whitening
+from tam_calibration.core.noise import BLOCKS, SlowSums
+from tam_calibration.correction.calibration import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
 from tam_calibration.fit.ellipsoid import without_scale
 from tam_calibration.fit.prior import Prior
-from tam_calibration.fit.problem import Posterior
+from tam_calibration.fit.problem import Place, Posterior, Problem
 from tam_calibration.model.data_sheet import DAY_S
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla
 
 FAR_RATIO = 1e5
@@ -111,11 +117,9 @@ _SIZES_T = from_nanotesla(np.geomspace(10.0, 1e4, 7))
 bias, and as a scale factor or angle times the field."""
 
 
-_EVERYTHING = in_words(SEVERAL, 0)
-
-
 MOST_CHANGES = 3
-"""Found one after the other: where more moved, the whole array has, which is one of them."""
+"""Found one after the other: where more moved, the whole array has, which is one of them. Within a recording something
+moves as often: a tool is picked up, used and dropped."""
 
 PLAUSIBLE = 0.05
 """Probability from which a change is named in addition to the most probable one, and the prior widened for it too."""
@@ -286,7 +290,7 @@ def plausible(weighed: Sequence[tuple[float, Change]]) -> list[Change]:
 
 def is_everything(change: Change) -> bool:
     """Whether all has changed, so that nothing is left to be found."""
-    return change.hypothesis.name == _EVERYTHING
+    return (change.hypothesis.parameters, change.hypothesis.sensor) == (SEVERAL, 0)
 
 
 def estimated_with(change: Change, prior: Prior, posterior: Posterior) -> Change:
@@ -317,7 +321,7 @@ def candidates_of(prior: Prior, sees_scale: bool) -> list[list[Change]]:
     """
     errors, sensors = prior.errors, prior.errors.sensor_count
     _, derivative = prior.in_convention(errors)
-    everything = Hypothesis(_EVERYTHING, SEVERAL, 0, np.eye(12 * sensors))
+    everything = Hypothesis(in_words(SEVERAL, 0), SEVERAL, 0, np.eye(12 * sensors))
     candidates = []
     for hypothesis in (*changes_of_sensors(errors), everything)[: None if sensors > 1 else -1]:
         directions = derivative @ hypothesis.directions
@@ -340,8 +344,8 @@ _TIMES = (3.0, 10.0, 30.0)
 """Changes that are tried: so many times the random walk of a day, so many kelvins, or both."""
 
 
-_MATRIX = [0, 1, 2, 3, 4, 5, 9, 10, 11]
-"""Places of the errors that multiply the field among the twelve of a sensor."""
+_IS_OF_MATRIX = np.array([not name.startswith("bias") for name in PARAMETER_NAMES])
+"""Which of the twelve errors of a sensor multiply the field."""
 
 
 class Unnamed(NamedTuple):
@@ -353,10 +357,7 @@ class Unnamed(NamedTuple):
 
 
 def unnamed_changes(
-    difference: Difference,
-    prior: Prior,
-    found: Sequence[Sequence[Change]],
-    candidates: Sequence[Sequence[Change]],
+    difference: Difference, prior: Prior, found: Sequence[Sequence[Change]], candidates: Sequence[Sequence[Change]]
 ) -> list[Unnamed]:
     """Return what may have changed together with, or instead of, the changes that are named.
 
@@ -409,10 +410,11 @@ def _more(left: Difference, change: Change, prior: Prior) -> Unnamed:
     sensors = prior.errors.sensor_count
     every = np.eye(12 * sensors).reshape(-1, sensors, 12)
     if change.hypothesis.parameters == ALL_BIASES:
-        name, directions, scaled = "soft iron of the vehicle", every[:, :, _MATRIX].sum(axis=1), np.ones(9, dtype=bool)
+        name, directions = "soft iron of the vehicle", every[:, :, _IS_OF_MATRIX].sum(axis=1)
+        scaled = _IS_OF_MATRIX[_IS_OF_MATRIX]
     else:
         sensor = change.hypothesis.sensor
-        name, directions, scaled = in_words(SEVERAL, sensor), every[:, sensor - 1], np.isin(np.arange(12), _MATRIX)
+        name, directions, scaled = in_words(SEVERAL, sensor), every[:, sensor - 1], _IS_OF_MATRIX
     intensity_T = prior.calibration.intensity_T
     size_T = np.sqrt(np.mean(change.estimate**2)) * (1.0 if "bias" in change.hypothesis.parameters else intensity_T)
     # Sizes that are tried for the other changes, over that of the change that is named.
@@ -447,3 +449,100 @@ def _weighed(
     probability = float(np.exp(-np.logaddexp(0.0, np.log(len(changes)) - log_prior - total)))
     variance = probability * np.exp(evidence - total) @ variances
     return Unnamed(name, probability, directions * variance @ directions.T)
+
+
+LEAST_SHARE = 1e-3
+"""Part of the information on a direction that both sides have at least where they can contradict."""
+
+TOO_FAR = 2.0
+"""Stated noise over that of the residuals, or the reverse, from which the stated one is not used: a factor of two in
+standard errors."""
+
+FAR = 4.0
+"""Standard deviations of a normal law, once in 16 000, from which a difference is reported."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionFit:
+    """A fit with attitude or angular velocity as data, to be judged.
+
+    Parameters
+    ----------
+    problem : Problem
+        The likelihood.
+    place : Place
+        Where it settled.
+    """
+
+    problem: Problem
+    place: Place
+
+    @cached_property
+    def own(self) -> Normal:
+        """What attitude or angular velocity tells."""
+        return self.problem.motion_at(self.place)
+
+    @cached_property
+    def everything(self) -> Normal:
+        """What is known in all."""
+        return self.problem.normal_at(self.place)
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """(Q, M) directions of the free unknowns."""
+        return self.problem.basis_at(self.place)
+
+    @cached_property
+    def white(self) -> FloatArray:
+        """(Q, M) directions of the free unknowns on which the information of all is one."""
+        inside = self.basis.T @ self.everything.information @ self.basis
+        return np.asarray(self.basis @ whitening(inside, ROUNDING))
+
+    @property
+    def scatter(self) -> float:
+        """Noise that the residuals of attitude or angular velocity show, the channels that the fit took left out."""
+        assert self.problem.motion is not None and self.place.motion is not None
+        return self.problem.motion.scatter(*self.problem.rows_at(self.place), self.place.motion, self.taken)
+
+    @property
+    def taken(self) -> float:
+        """Number of channels of attitude or angular velocity that the fit took."""
+        return float(np.sum(_shares(self.white, self.own)[0]))
+
+    def difference(self, some: Normal) -> str:
+        """Return χ² of the difference that some data make to the estimate, where chance hardly makes as much.
+
+        At the best errors its score is what the others' balances, and has the variance of the parallel sum of both
+        informations (Hausman 1978): no fit without it is needed.
+        """
+        parts, along = _shares(self.white, some)
+        compared = (parts > LEAST_SHARE) & (1 - parts > LEAST_SHARE)
+        chi_square, freedom = float(np.sum(along[compared] ** 2 / (parts * (1 - parts))[compared])), int(compared.sum())
+        if probability_of(chi_square, freedom) >= SIGNIFICANT:
+            return ""
+        return f"χ² {chi_square:.3g} of {freedom} errors"
+
+    def lasting(self, along: FloatArray | None = None) -> float:
+        """Return by how much what the samples tell varies more than by white noise: for how many the errors last.
+
+        Parameters
+        ----------
+        along : (Q, M) array, optional
+            Directions of the unknowns that count; by default all that are free.
+        """
+        assert self.problem.motion is not None
+        count, along = self.problem.motion.sample_count, self.basis if along is None else along
+        if count < BLOCKS:
+            return 1.0
+        spans = [slice(*span) for span in pairwise(np.linspace(0, count, BLOCKS + 1).astype(int))]
+        parts = [self.problem.motion_at(self.place, span) for span in spans]
+        information = np.array([along.T @ part.information @ along for part in parts])
+        white = whitening(information.sum(axis=0), ROUNDING)
+        score = np.array([white.T @ along.T @ part.score for part in parts])
+        return SlowSums.of(white.T @ information @ white, score).factor
+
+
+def _shares(white: FloatArray, some: Normal) -> tuple[FloatArray, FloatArray]:
+    """Return the part (M,) that some information is of all on each direction, and its score along them."""
+    parts, directions = np.linalg.eigh(white.T @ some.information @ white)
+    return np.clip(parts, 0, 1), directions.T @ white.T @ some.score

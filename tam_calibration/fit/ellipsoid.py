@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import LinAlgError, norm
 
-from tam_calibration.core.normal_equations import gram
+from tam_calibration.core.least_squares import gram, scaled
+from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -192,9 +193,8 @@ def fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
 @determined()
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve symmetric systems after scaling the rows and columns to a unit diagonal."""
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), np.finfo(float).tiny))
-    scaled = matrix * scale[..., :, None] * scale[..., None, :]
-    return np.asarray(scale * np.linalg.solve(scaled, (scale * right)[..., None])[..., 0])
+    unit, scale = scaled(matrix)
+    return np.asarray(np.linalg.solve(unit, (right / scale)[..., None])[..., 0] / scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,6 +247,10 @@ class Normalized:
         if scalar_T is None:
             return np.full(count, np.nan if self.has_scalar else 1.0)
         return scalar_T / self.radius_T
+
+    def noise_of(self, array: KnownNoiseArray) -> tuple[FloatArray, float]:
+        """Return the noise (K,) of an array's sensors, and of the intensity, in units of the radius."""
+        return array.vector_noise_T / self.radius_T, array.scalar_noise_T / self.radius_T if self.has_scalar else 0.0
 
     def errors_at(self, matrix: FloatArray, bias: FloatArray) -> tuple[SensorErrors, float]:
         """Return the errors of sensors in the frame of the first, and by how much their scale exceeds that of the data.

@@ -17,15 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.least_squares import ROUNDING
 from tam_calibration.core.noise import complete_noise, fast_noise
-from tam_calibration.fit.agreement import FAR, SEEN, TOO_FAR, MotionFit
-from tam_calibration.fit.contradiction import SIGNIFICANT, probability_of
+from tam_calibration.fit.contradiction import FAR, SIGNIFICANT, TOO_FAR, MotionFit, probability_of
+from tam_calibration.fit.estimate import variance_factors
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import UNITS, GyroscopePath, GyroscopeState, GyroscopeUse, matched
 from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
@@ -113,7 +113,7 @@ class GyroscopeFit(MotionFit):
         across = self.white.T @ information[:, shape]
         left = information[np.ix_(shape, shape)] - across.T @ across
         values, vectors = np.linalg.eigh(left)
-        seen = values > SEEN * values[-1]
+        seen = values > ROUNDING * values[-1]
         score = (vectors.T @ gradient[shape])[seen]
         chi_square = float(np.sum(score**2 / values[seen]))
         return probability_of(chi_square, int(seen.sum())) < SIGNIFICANT

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import inv, norm
 
-from tam_calibration.core.normal_equations import Normal, gram
+from tam_calibration.core.least_squares import Normal, gram
 from tam_calibration.fit.ellipsoid import COLUMNS, ROWS, Normalized
 from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse, rotated
 from tam_calibration.fit.likelihood import ChannelMaps
@@ -29,9 +29,6 @@ from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-
-_BAND = 3
-"""Diagonals below that of a covariance of blocks of two."""
 
 
 class _Chain(NamedTuple):
@@ -236,13 +233,13 @@ class GyroscopeLikelihood:
         variance = np.einsum("nai,ij,nbj->nab", across, covariance, across, optimize=True) / length[:, None, None] ** 2
         own = through @ variance[links] @ np.swapaxes(through, 1, 2) + variance[links + 1]
         between = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
-        # What the sensors' noise makes of the channels' covariance: diagonal, then those below it.
-        band = np.zeros((_BAND + 1, len(links), 2))
+        # What the sensors' noise makes of the channels' covariance: diagonal, then the three below it of blocks of two.
+        band = np.zeros((4, len(links), 2))
         band[0] = own[:, (0, 1), (0, 1)]
         band[1, :, 0], band[1, :-1, 1] = own[:, 1, 0], between[:, 0, 1]
         band[2, :-1, 0], band[2, :-1, 1] = between[:, 0, 0], between[:, 1, 1]
         band[3, :-1, 0] = between[:, 1, 0]
-        return _Chain(field, length, across, through, residual, variance, band.reshape(_BAND + 1, -1), turned)
+        return _Chain(field, length, across, through, residual, variance, band.reshape(4, -1), turned)
 
     def _factor(self, chain: _Chain, density: float) -> FloatArray:
         """Return the banded Cholesky factor of the channels' covariance, with the noise of the gyroscope."""

@@ -266,12 +266,10 @@ class GyroscopePath:
 
 
 def rotated(angle: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return vectors (L, V, 3) turned by rotation vectors (L, 3): Rodrigues' formula."""
-    size = np.sqrt(np.einsum("ni,ni->n", angle, angle))[:, None, None]
-    axis = angle[:, None] / np.maximum(size, np.finfo(float).tiny)
-    sine, versine = np.sin(size), 2 * np.sin(size / 2) ** 2
-    across = np.cross(axis, vectors)
-    return np.asarray(vectors + sine * across + versine * np.cross(axis, across))
+    """Return vectors (L, V, 3) turned by rotation vectors (L, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(vectors @ np.swapaxes(Rotation.from_rotvec(angle).as_matrix(), 1, 2))
 
 
 _TRIED, _STEPS = 4, 12

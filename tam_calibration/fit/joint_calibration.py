@@ -9,17 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import SEVERAL, Moved, Update, in_words
+from tam_calibration.core.noise import WHITE, VarianceFactors
+from tam_calibration.correction.calibration import SEVERAL, Calibration, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
-from tam_calibration.fit.agreement import FAR
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_calibration, require_one_sphere
-from tam_calibration.fit.contradiction import PLAUSIBLE, SIGNIFICANT, Unnamed
-from tam_calibration.fit.estimate import mean_temperature
+from tam_calibration.fit.contradiction import FAR, MOST_CHANGES, PLAUSIBLE, SIGNIFICANT, Unnamed
+from tam_calibration.fit.estimate import mean_temperature, variance_factors
 from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
-from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.information import require_determined
 from tam_calibration.fit.maximum_a_posteriori import (
     FRAME_OF_GYROSCOPE,
     SETTLED,
@@ -30,10 +28,9 @@ from tam_calibration.fit.maximum_a_posteriori import (
     update_of,
 )
 from tam_calibration.fit.prior import Prior, has_date, prior_of
-from tam_calibration.fit.prior_changes import MOST_TIMES, UpdatedPrior, update_prior
+from tam_calibration.fit.prior_changes import UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.reference import turning_scalar
-from tam_calibration.fit.slow_residuals import variance_factors
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
@@ -267,7 +264,7 @@ def _with_prior(recording: SampleSource, array: Array, used: Known) -> JointCali
         is_slow_before = any(each.exceed(factors, SETTLED) for each in before)
         if attempt == 0 and before and last.exceed(factors, SETTLED) and not is_slow_before:
             # What lasts after a change, and did not before, may be what another change leaves.
-            several, measured = _updated(recording, array, known, MOST_TIMES)
+            several, measured = _updated(recording, array, known, MOST_CHANGES)
             if not any(each.exceed(factors, SETTLED) for each in measured):
                 updated = several
                 break

@@ -29,12 +29,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import Elimination, Normal, gram
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.least_squares import Elimination, Normal, gram
+from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.effects.ambient_gradient import turned
 from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
+from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 
 
@@ -183,10 +184,8 @@ def _by_rows(unmix: FloatArray, field: FloatArray) -> FloatArray:
 
 _BoolArray = NDArray[np.bool_]
 
-UNIFORM = np.empty(0)
+UNIFORM: FloatArray = np.array([])
 """The components of the gradient of a field that has none."""
-
-_PIECE = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,8 +346,8 @@ class Likelihood:
         return _second_moments(self._flat, None)
 
     def _pieces(self) -> Iterator[slice]:
-        for start in range(0, len(self.points), _PIECE):
-            yield slice(start, start + _PIECE)
+        for start in range(0, len(self.points), BLOCK):
+            yield slice(start, start + BLOCK)
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: float) -> CommonMode:

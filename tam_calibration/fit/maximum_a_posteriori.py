@@ -13,22 +13,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.noise import VarianceFactors, complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR
 from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import Moved, Update
+from tam_calibration.correction.calibration import Calibration, Moved, Update
 from tam_calibration.fit.consistency import Fit
 from tam_calibration.fit.contradiction import probability_of
-from tam_calibration.fit.estimate import make_calibration, measure_chi_square
-from tam_calibration.fit.identifiability import open_parameters, require_accurate
-from tam_calibration.fit.information import inverted
+from tam_calibration.fit.estimate import make_calibration, measure_chi_square, variance_factors, with_variance_factors
+from tam_calibration.fit.information import inverted, open_parameters, require_accurate
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior, in_first_frame, turned
 from tam_calibration.fit.problem import Known, Place, Posterior, Problem, posterior_of
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
-from tam_calibration.fit.slow_residuals import variance_factors, with_variance_factors
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -39,10 +35,6 @@ FRAME_OF_GYROSCOPE = (
     "The array frame is that of the gyroscope. It was found from the uniform field, which turns in the frame of the "
     "sensors as the angular velocity says."
 )
-
-
-_SETTLED = 0.9
-"""Noise that the errors leave, over the one that they were fitted with, from which it counts as the same."""
 
 
 def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) -> Calibration:
@@ -121,7 +113,7 @@ def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[Kno
     # Of a noise that is not stated, down to what the errors leave.
     for _ in range(10 if array.vector_noise_T is None else 0):
         left = noise_left_in(recording, noisy, posterior.errors, posterior.intensity_T)
-        if left.vector_noise_T[0] > _SETTLED * noisy.vector_noise_T[0]:
+        if left.vector_noise_T[0] > (1 - SETTLED) * noisy.vector_noise_T[0]:
             break
         noisy, posterior = left, posterior_of(recording, left, known)
     return noisy, posterior, is_estimated
@@ -149,12 +141,7 @@ def noise_left_in(
 
 
 def update_of(
-    calibration: Calibration,
-    prior: Prior,
-    used: Prior,
-    chi_square: float,
-    freedom: int,
-    moved: tuple[Moved, ...] = (),
+    calibration: Calibration, prior: Prior, used: Prior, chi_square: float, freedom: int, moved: tuple[Moved, ...] = ()
 ) -> Update:
     """Return how a calibration came from its prior.
 
@@ -199,8 +186,8 @@ _DRAWS, _SAMPLES, _SEED = 100, 1000, 0
 """Draws and samples by which curvature is measured, twice as many as there are errors; and the seed of the draws."""
 
 SETTLED = 0.1
-"""Part by which the variance may exceed that which the residuals show, or the readings were weighed by: 5 % of the
-standard errors."""
+"""Part by which the noise may be less than that of the fit before, or the variance exceed what the residuals show,
+or the readings were weighed by: 5 % of the standard errors."""
 
 
 def prior_of_tolerances(recording: SampleSource, array: Array) -> Prior:

@@ -13,19 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.core.least_squares import gram
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.normal_equations import gram
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.ambient_gradient import require_attitude
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.ellipsoid import Normalized, normalize
-from tam_calibration.fit.estimate import make_calibration
+from tam_calibration.fit.estimate import make_calibration, student_noises
 from tam_calibration.fit.information import NOT_ONE, descend, inverted, parameter_covariance
 from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization, UniformLikelihood
-from tam_calibration.fit.moments import into_frame_of_first
+from tam_calibration.fit.published import into_frame_of_first
 from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_determined, turning_of
 from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
-from tam_calibration.fit.slow_residuals import student_noises
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
@@ -278,7 +277,7 @@ def first_guess(recording: SampleSource, array: KnownNoiseArray) -> SensorErrors
         When the readings determine no ellipsoid, or sensors are mirror images of others.
     """
     data = normalize(recording)
-    return _errors(data, Point(*closed_form(data, *_noise(array, data))))[0]
+    return _errors(data, Point(*closed_form(data, *data.noise_of(array))))[0]
 
 
 def _covariance_of_gradient(information: FloatArray) -> FloatArray:
@@ -303,7 +302,7 @@ def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
 def _fit(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> tuple[Point, FloatArray]:
     """Return the estimate in a uniform field and its information, the intensity interpolated where it is slow."""
     likelihood = likelihood_of(recording, array, data)
-    point = Point(*closed_form(data, *_noise(array, data)))
+    point = Point(*closed_form(data, *data.noise_of(array)))
     return gauss_newton(lambda there: likelihood.linearize(there.matrix, there.bias), point)
 
 
@@ -321,7 +320,7 @@ def likelihood_of(recording: SampleSource, array: KnownNoiseArray, data: Normali
     """
     count = recording.scalar_count
     if count is None or count > LARGEST_SHARE * recording.sample_count:
-        return UniformLikelihood(data, *_noise(array, data))
+        return UniformLikelihood(data, *data.noise_of(array))
     return _likelihood(recording.whole(), array, data, may_interpolate=True)
 
 
@@ -332,7 +331,7 @@ def _fit_in_memory(
     # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
     is_steady = not ambient_gradient or array.scalar_position_m is None
     likelihood = _likelihood(recording, array, data, may_interpolate=is_steady and not robust)
-    point = Point(*closed_form(data, *_noise(array, data)))
+    point = Point(*closed_form(data, *data.noise_of(array)))
     if ambient_gradient:
         likelihood, point = _aligned_start(recording, array, likelihood, point)
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
@@ -355,16 +354,11 @@ def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearizat
 
 
 def _likelihood(recording: Recording, array: KnownNoiseArray, data: Normalized, may_interpolate: bool) -> Likelihood:
-    vector_noise, scalar_noise = _noise(array, data)
-    if not may_interpolate or not is_worth_interpolating(data.intensity):
+    vector_noise, scalar_noise = data.noise_of(array)
+    if not (may_interpolate and is_worth_interpolating(data.intensity)):
         return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
     intensity, shared_noise = interpolate(recording.time_s, data.intensity, scalar_noise)
     return Likelihood(data.points, intensity, vector_noise, 0.0, shared_noise)
-
-
-def _noise(array: KnownNoiseArray, data: Normalized) -> tuple[FloatArray, float]:
-    """Return the noise of the sensors and of the intensity in the unit of the data."""
-    return array.vector_noise_T / data.radius_T, array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
 
 
 def _aligned_start(

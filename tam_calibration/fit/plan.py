@@ -5,7 +5,6 @@ A plan begins with nothing, a recording or a calibration.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.linalg import inv, norm
@@ -13,8 +12,7 @@ from numpy.linalg import inv, norm
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of
-from tam_calibration.fit.identifiability import refuse_open, require_determined
-from tam_calibration.fit.information import InformationModel, information_of
+from tam_calibration.fit.information import InformationModel, information_of, refuse_open, require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
@@ -232,9 +230,14 @@ def reach_of_vehicle(pitch_limit: float, roll_limit: float, inclination: float) 
     InputError
         When the pitch limit lies outside 0 to 90 degrees or the roll limit outside 0 to 180.
     """
+    require_swings(pitch_limit, roll_limit)
+    return _reach([_turn(_STEP), _swing(pitch_limit), _swing(roll_limit)], inclination)
+
+
+def require_swings(pitch_limit: float, roll_limit: float) -> None:
+    """Check the largest angles of pitch and roll of a vehicle, radians."""
     if not (0 <= pitch_limit <= np.pi / 2 and 0 <= roll_limit <= np.pi):
         raise InputError("the pitch limit must lie between 0 and 90 degrees, the roll limit between 0 and 180")
-    return _reach([_turn(_STEP), _swing(pitch_limit), _swing(roll_limit)], inclination)
 
 
 def _turn(step: float) -> FloatArray:
@@ -332,9 +335,9 @@ def make_plan(
     search = _PoseSearch(start.model, start.information, np.sqrt(samples_per_pose) * start.model.rows(field_T))
     chosen: list[int] = []
     for _ in range(pose_count):
-        chosen.append(int(np.argmin(search.scores(chosen, _sum))))
+        chosen.append(int(np.argmin(search.scores(chosen, np.sum))))
         progress(len(chosen))
-    chosen = search.exchange(search.exchange(chosen, _sum), _largest)
+    chosen = search.exchange(search.exchange(chosen, np.sum), np.max)
     poses = search.order(chosen)
     variances = [start.model.variances(search.with_poses(poses[: count + 1])) for count in range(pose_count)]
     standard_errors = np.sqrt(variances[-1])
@@ -343,11 +346,8 @@ def make_plan(
     except InputError as problem:
         words = f"even with the best {pose_count} poses within reach {problem}"
         raise Refused(f"{words}; allow more pitch and roll, or plan more poses") from None
-    worst = np.sqrt([_largest(variance * start.model.noise_units**2) for variance in variances])
+    worst = np.sqrt([np.max(variance * start.model.noise_units**2) for variance in variances])
     return Plan(np.array(poses), worst, standard_errors.reshape(-1, 12))
-
-
-_sum, _largest = partial(np.sum, axis=-1), partial(np.max, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,14 +362,14 @@ class _PoseSearch:
         """Return the information of what is known before and of poses."""
         return self.start + information_of(self.poses[np.array(chosen, dtype=int)])
 
-    def scores(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def scores(self, chosen: list[int], criterion: Callable[..., FloatArray]) -> FloatArray:
         """Return the criterion of the squared standard errors with each candidate added to the chosen ones."""
         # Information that is there before any sample, as part of that of a pose, so that nothing is infinite.
         least = 1e-9 * np.repeat([np.mean(self.poses[:, :9] ** 2), np.mean(self.poses[:, 9:] ** 2)], [9, 4])
         variances = self.model.variances_with(self.with_poses(chosen) + np.diag(least), self.poses)
-        return criterion(variances * self.model.noise_units**2)
+        return criterion(variances * self.model.noise_units**2, axis=-1)
 
-    def exchange(self, chosen: list[int], criterion: Callable[[FloatArray], FloatArray]) -> list[int]:
+    def exchange(self, chosen: list[int], criterion: Callable[..., FloatArray]) -> list[int]:
         """Return the poses with each exchanged for a better one until that gains nothing."""
         chosen, gained = list(chosen), True
         while gained:
@@ -389,6 +389,6 @@ class _PoseSearch:
         left = list(chosen)
         ordered: list[int] = []
         while left:
-            scores = self.scores(ordered, _sum)[left]
+            scores = self.scores(ordered, np.sum)[left]
             ordered.append(left.pop(int(np.argmin(scores))))
         return ordered

@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.least_squares import whitening
-from tam_calibration.core.normal_equations import Normal
+from tam_calibration.core.least_squares import Normal, whitening
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.ellipsoid import free_scale, without_scale
 from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -214,13 +214,10 @@ def _covariance_of(calibration: Calibration) -> FloatArray:
         )
     if not np.isfinite(covariance).all():
         raise InputError("the covariance of the calibration is not finite: calibrate its recording anew")
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
-    scale = np.divide(1, deviation, out=np.zeros_like(deviation), where=deviation > 0)
-    values = np.linalg.eigvalsh((covariance + covariance.T) / 2 * np.outer(scale, scale))
-    # Part of the largest eigenvalue of a scaled covariance that rounding may make negative in a file.
-    if values[0] < -1e-6 * max(values[-1], 1.0) or (np.diag(covariance) < 0).any():
+    covariance = (covariance + covariance.T) / 2
+    if not is_covariance(covariance) or (np.diag(covariance) < 0).any():
         raise InputError(
             "the covariance of the calibration is not valid: it gives a combination of the errors a negative variance; "
             "calibrate its recording anew"
         )
-    return (covariance + covariance.T) / 2
+    return covariance

@@ -16,8 +16,8 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.linalg import slogdet
 
-from tam_calibration.core.slow_cosines import VarianceFactors
-from tam_calibration.correction.parts import KINDS, Moved
+from tam_calibration.core.noise import VarianceFactors
+from tam_calibration.correction.calibration import KINDS, Moved
 from tam_calibration.fit import contradiction
 from tam_calibration.fit.contradiction import Unnamed, unnamed_changes
 from tam_calibration.fit.estimate import sample_energies
@@ -149,10 +149,6 @@ def _largest(energies: FloatArray, channels: int) -> float:
     # Probability of a sample's energy beyond which it does not fit: none in most recordings.
     usual, limit = chdtri(channels, [0.5, 1e-6])
     return float(limit * max(1.0, np.median(energies) / usual))
-
-
-MOST_TIMES = 3
-"""That something moves within a recording: a tool is picked up, used and dropped."""
 
 
 _Found = Sequence[Sequence[contradiction.Change]]

@@ -19,12 +19,10 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import whitening
-from tam_calibration.core.normal_equations import Normal
-from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
+from tam_calibration.core.least_squares import Normal, whitening
+from tam_calibration.core.noise import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.attitude_likelihood import AttitudeLikelihood, WorldView
 from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
@@ -32,6 +30,7 @@ from tam_calibration.fit.information import descend, free_basis, inverted, rows_
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.recorded_attitude import AttitudeLikelihood, WorldView
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
@@ -86,7 +85,7 @@ class Known:
         ``LOCAL_STANDARD_ERROR_T`` in each component.
     variance_factors : VarianceFactors
         By how much what each channel of the readings tells varies more than by white noise of the stated size: see
-        ``slow_residuals``.
+        ``estimate``.
     curvature : (Q, Q) array, optional
         Covariance of the score of this recording, over the unknowns, by what is no straight line over what stays
         uncertain; it widens the covariance, and does not move the errors.

@@ -1,9 +1,16 @@
-"""What recorded attitude adds to a fit: the turn of the common frame, and the gradient of the ambient field.
+"""What recorded attitude adds to a fit: the turn of the common frame, the ambient gradient, and attitude as data.
 
 An attitude may have been written otherwise: inverted, w first, in FRD axes, or not at all. The right attitude turns the
 corrected field into one that is constant in the world. A constant turn of the world, such as NED for ENU, cannot be
 seen, and does no harm. Where the stated attitude leaves the field turning and another reading of the same numbers makes
 it constant, the recording was written in that way.
+
+As data, the direction of the field that the sensors agree on is compared with that of the world's field. A sample's
+sensors agree on a field b in the array frame, of direction u; its attitude Q, through a mounting rotation X from the
+array frame to that of the attitude, turns the direction w of the world's field to v = Xᵀ Qᵀ w there. The two components
+of v across u are two more channels, white with the standard deviation of the attitude about each axis and that of u:
+the third angle of an attitude, about the field, tells nothing. The errors of the attitude are taken as independent from
+sample to sample; ``attitude_check`` measures how large they are, and for how long they last.
 """
 
 from dataclasses import dataclass, replace
@@ -12,13 +19,16 @@ from typing import Any
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.least_squares import Normal, gram
 from tam_calibration.correction.calibration import AmbientGradientEstimate
 from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
-from tam_calibration.fit.ellipsoid import sphere_center
-from tam_calibration.fit.likelihood import Turning
-from tam_calibration.model.array import UNIT_TENSORS, Array
+from tam_calibration.fit.ellipsoid import Normalized, sphere_center
+from tam_calibration.fit.likelihood import ChannelMaps, Turning
+from tam_calibration.model.array import UNIT_TENSORS, Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
+from tam_calibration.model.limits import ATTITUDE_NOISE
+from tam_calibration.model.recording import BLOCK, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
@@ -120,8 +130,7 @@ def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
 
 def strayed(angle: float) -> str:
     """Return why attitudes in whose world the field turns by an angle, radians, are wrong; nothing if it is small."""
-    # from_degrees(10.0): of the field in the world of the attitude; more is not noise of the attitude.
-    if angle < from_degrees(10.0):
+    if angle < _TURNS:
         return ""
     return (
         f"the field of the readings is not constant in the world of the attitude but turns by "
@@ -131,10 +140,10 @@ def strayed(angle: float) -> str:
 
 
 def turns_between(seen: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return the shortest rotation vectors (N, 3) that turn unit vectors (N, 3) into another (3,)."""
+    """Return the shortest rotation vectors (N, 3) that turn vectors (N, 3) to the direction of one (3,) or of each."""
     axis = np.cross(seen, direction)
-    sine = norm(axis, axis=1)
-    return np.asarray(axis * (np.arctan2(sine, seen @ direction) / np.maximum(sine, np.finfo(float).tiny))[:, None])
+    sine, cosine = norm(axis, axis=1), np.sum(seen * direction, axis=1)
+    return np.asarray(axis * (np.arctan2(sine, cosine) / np.maximum(sine, np.finfo(float).tiny))[:, None])
 
 
 def across_of(along: FloatArray) -> FloatArray:
@@ -240,17 +249,13 @@ _TURNS = from_degrees(10.0)
 or with a compass on a vehicle, it turns by less."""
 
 
-_INVERSE, _SCALAR_FIRST = np.array([-1.0, -1.0, -1.0, 1.0]), [1, 2, 3, 0]
-"""Signs of the inverse of a quaternion x, y, z, w, and the order that makes one of w, x, y, z."""
-
-_HALF_TURNS = dict(zip("xyz", np.eye(4)[:3], strict=True))
-"""Quaternions of the IMU against the array. That about x makes forward, right, down of forward, left, up. Readings with
-that axis reversed in all sensors look the same, as the field may point either way."""
-
-
 @dataclass(frozen=True)
 class _Convention:
-    """A way in which quaternions may be written, and what to do about it."""
+    """A way in which quaternions may be written, and what to do about it.
+
+    The half turn is that of the IMU against the array about an axis. About x it makes forward, right, down of forward,
+    left, up. Readings with that axis reversed in all sensors look the same, as the field may point either way.
+    """
 
     what: str
     remedy: str
@@ -260,11 +265,11 @@ class _Convention:
 
     def to_world(self, quaternions: FloatArray) -> Any:
         """Return the turns from the array's axes to the world of quaternions that were written so."""
-        ordered = quaternions[:, _SCALAR_FIRST] if self.is_scalar_first else quaternions
         from scipy.spatial.transform import Rotation  # takes as long to load as a calibration
 
-        turns = Rotation.from_quat(ordered * _INVERSE if self.is_inverse else ordered)
-        return turns * Rotation.from_quat(_HALF_TURNS[self.half_turn]) if self.half_turn else turns
+        turns = Rotation.from_quat(np.roll(quaternions, -1, axis=1) if self.is_scalar_first else quaternions)
+        turns = turns.inv() if self.is_inverse else turns
+        return turns * Rotation.from_euler(self.half_turn, np.pi) if self.half_turn else turns
 
 
 _FRD = "state imu_rotation_deg: [180, 0, 0] in the array file"
@@ -340,3 +345,215 @@ def _turning(convention: _Convention, attitude: FloatArray, field: FloatArray) -
     direction = field / norm(field, axis=1, keepdims=True)
     mean_length = float(norm(convention.to_world(attitude).apply(direction).mean(axis=0)))
     return float(np.sqrt(2 * max(1 - mean_length, 0.0)))
+
+
+_ANY_TURN = np.pi
+"""Standard deviation of an angle of which nothing is known, radians: it keeps the normal equations regular."""
+
+
+@dataclass(frozen=True, eq=False)
+class WorldView:
+    """How the attitude is mounted and where the world's field points.
+
+    Parameters
+    ----------
+    mount : (3, 3) array
+        X: from the array frame to that of the attitude.
+    direction : (3,) array
+        w: unit vector in the world.
+    """
+
+    mount: FloatArray
+    direction: FloatArray
+
+    size = 5
+    """Unknowns: three of the turn of X, and two of the shift of w across itself."""
+
+    turn = slice(0, 3)
+    """Place of the turn of X among them."""
+
+    @property
+    def mounting(self) -> tuple[FloatArray, float]:
+        """Rotation from the array frame to that of the attitude, and its turn over that of X."""
+        return self.mount, 1.0
+
+    @property
+    def across(self) -> FloatArray:
+        """(3, 2) unit vectors across the direction, along which it moves."""
+        return np.linalg.qr(self.direction[:, None], mode="complete")[0][:, 1:]
+
+    def moved(self, step: FloatArray) -> "WorldView":
+        """Return the view after a step (5,): turn of the mount, radians, and shift of the direction across itself."""
+        from scipy.spatial.transform import Rotation
+
+        direction = self.direction + self.across @ step[3:]
+        return WorldView(self.mount @ Rotation.from_rotvec(step[:3]).as_matrix(), direction / norm(direction))
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeLikelihood:
+    """Samples whose attitude is known.
+
+    Parameters
+    ----------
+    rows : (3 K, N) array
+        Readings about an origin, in units of a field.
+    to_world : (N, 3, 3) array
+        Q: rotation matrices from the frame of the attitude to the world.
+    vector_noise : (K,) array
+        Standard deviation of each sensor's axes, in the same unit.
+    attitude_noise : float
+        Standard deviation of the attitude about each axis, radians.
+    uses_heading : bool
+        Whether the heading counts. Without it only roll and pitch do: how steeply the field dips.
+    headings : (M, N) array
+        Errors of the heading, radians, whose sizes are M more unknowns, the last ones.
+    """
+
+    rows: FloatArray
+    to_world: FloatArray
+    vector_noise: FloatArray
+    attitude_noise: float
+    uses_heading: bool
+    headings: FloatArray
+
+    @classmethod
+    def of(cls, data: Normalized, array: KnownNoiseArray, uses_heading: bool) -> "AttitudeLikelihood | None":
+        """Return the samples with attitude, where the array states its noise."""
+        if array.attitude_noise is None:
+            return None
+        recording = data.source.whole()
+        if recording.attitude is None:
+            return None
+        from scipy.spatial.transform import Rotation
+
+        known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
+        rows = data.points[known].reshape(len(known), -1).T
+        to_world = Rotation.from_quat(recording.attitude[known]).as_matrix()
+        noise, none = array.vector_noise_T / data.radius_T, np.zeros((0, len(known)))
+        return cls(rows, to_world, noise, array.attitude_noise, uses_heading, none)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples with attitude."""
+        return len(self.to_world)
+
+    def part(self, samples: slice) -> "AttitudeLikelihood":
+        """Return some of the samples."""
+        rows, headings = self.rows[:, samples], self.headings[:, samples]
+        return replace(self, rows=rows, to_world=self.to_world[samples], headings=headings)
+
+    def prior(self, view: WorldView, main_field_T: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return the precisions (5,) of the unknowns of a view before the samples, and the downhill gradient (5,).
+
+        Parameters
+        ----------
+        view : WorldView
+            Where the gradient is taken.
+        main_field_T : (3,) array, optional
+            Field of a model in the world, tesla; it tells the direction.
+        """
+        precisions, gradient = np.full(5, 1 / _ANY_TURN**2), np.zeros(5)
+        if main_field_T is not None:
+            length = float(norm(main_field_T))
+            precisions[3:] += (own := (length / LOCAL_STANDARD_ERROR_T) ** 2)
+            gradient[3:] += own * view.across.T @ main_field_T / length
+        return precisions, gradient
+
+    def start(self, errors: SensorErrors) -> WorldView:
+        """Return the view by the errors about whose biases the readings are taken."""
+        field = self.field(errors.matrix, np.zeros_like(errors.bias_T))
+        mount = likely_turn(field, self.to_world)
+        direction = np.einsum("nij,nj->i", self.to_world, field @ mount.T)
+        return WorldView(mount, direction / norm(direction))
+
+    def field(self, matrix: FloatArray, bias: FloatArray) -> FloatArray:
+        """Return the directions (N, 3) of the field in the array frame, of sensors as of ``linearize``."""
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
+        field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
+        return np.asarray(field / norm(field, axis=1, keepdims=True))
+
+    def linearize(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> Normal:
+        """Return the normal equations of the channels of each sample.
+
+        Parameters
+        ----------
+        matrix : (K, 3, 3) array
+            D Λ of each sensor.
+        bias : (K, 3) array
+            Of each sensor, in the unit of the readings.
+        view : WorldView
+            Mounting and direction.
+
+        Returns
+        -------
+        Normal
+            Over the rows [D Λ | o], the step of the view, and the sizes of errors of the heading.
+        """
+        channels, moments, _ = self._moments(matrix, bias, view)
+        return Normal.by_field(channels.response, moments, (1 + self.uses_heading) * self.sample_count)
+
+    def scatter(self, matrix: FloatArray, bias: FloatArray, view: WorldView, taken: float = 0.0) -> float:
+        """Return the standard deviation of attitude that the residuals show, radians.
+
+        Parameters
+        ----------
+        matrix, bias, view
+            As for ``linearize``.
+        taken : float
+            Number of channels that the fit has taken.
+        """
+        _, moments, of_field = self._moments(matrix, bias, view)
+        channels = (1 + self.uses_heading) * self.sample_count
+        variance = (self.attitude_noise**2 + of_field) * float(moments[-1, -1]) / max(channels - taken, 1.0)
+        # A scatter that is less than that of the field's direction cannot be separated from none.
+        variance = max(variance - of_field, of_field)
+        return float(np.clip(np.sqrt(variance), ATTITUDE_NOISE.least, ATTITUDE_NOISE.most))
+
+    def _moments(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> tuple[ChannelMaps, FloatArray, float]:
+        """Return the maps, the moments of the whitened columns, and the mean variance of the field's direction."""
+        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
+        size = 18 + len(self.headings)
+        moments, variance = np.zeros((size, size)), 0.0
+        for start in range(0, self.sample_count, BLOCK):
+            columns, own = self.part(slice(start, start + BLOCK))._columns(channels, view)
+            moments += gram(columns)
+            variance += own
+        return channels, moments, variance / self.sample_count
+
+    def _columns(self, channels: ChannelMaps, view: WorldView) -> tuple[FloatArray, float]:
+        """Return whitened columns (18 + M, 2 n), and the sum of the variances of the field's direction.
+
+        They are across ⊗ [field, 1] / |field|, by mounting, by direction, by errors of the heading, residual.
+        """
+        field = channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]
+        length = norm(field, axis=0)
+        along = (field / length).T
+        turned = self.to_world @ view.mount
+        seen = np.einsum("nji,j->ni", turned, view.direction)
+        covariance = channels.elimination.covariance
+        of_field = (np.trace(covariance) - channels.elimination.variance_along(along.T)) / 2 / length**2
+        root = 1 / np.sqrt(self.attitude_noise**2 + of_field)
+        extended = np.concatenate([field / length, 1 / length[None]])
+        by_direction = np.einsum("nji,jd->nid", turned, view.across)
+        pairs = []
+        up = self.to_world[:, 2] @ view.mount
+        for across in np.moveaxis(across_of(along), 1, 0) if self.uses_heading else (_rising(along, up),):
+            columns = np.concatenate(
+                [
+                    (across.T[:, None] * extended).reshape(12, -1),
+                    np.cross(across, seen).T,
+                    np.einsum("ni,nid->dn", across, by_direction),
+                    self.headings * np.sum(across * np.cross(up, along), axis=1),
+                    np.sum(across * seen, axis=1)[None],
+                ]
+            )
+            pairs.append(columns * root)
+        return np.concatenate(pairs, axis=1), float(of_field.sum())
+
+
+def _rising(along: FloatArray, up: FloatArray) -> FloatArray:
+    """Return the unit vectors (N, 3) across unit vectors along which these rise; zero where they are vertical."""
+    rising = up - np.sum(up * along, axis=1, keepdims=True) * along
+    # Sine of the angle to the vertical below which a direction has no heading.
+    return np.asarray(rising / np.maximum(norm(rising, axis=1, keepdims=True), 1e-3))

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
-from tam_calibration.core.noise import complete_noise
-from tam_calibration.core.slow_cosines import BLOCKS, SlowSums, slow_cosines
+from tam_calibration.core.noise import BLOCKS, SlowSums, complete_noise, slow_cosines
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource

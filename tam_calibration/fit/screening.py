@@ -4,7 +4,7 @@ A fit of all samples shows whether there are any. If so, a robust fit finds them
 the judgement until it stays the same. Any part of the samples below a third may be bad.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,10 +13,10 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import complete_noise
-from tam_calibration.correction.partial import left_out
+from tam_calibration.correction.streaming import left_out
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.exceptions import TIMES, InputError, Refused, first_at
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused, first_at
 from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, IntArray
@@ -36,7 +36,7 @@ _COMPARED = 3
 
 
 _MEDIANS = {1: 0.45494, 3: 2.36597}
-"""Of χ² by its degrees of freedom."""
+"""Of χ² by its degrees of freedom: SciPy, which has them, takes as long to load as a calibration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class LeftOut:
 def _when(place: IntArray, time_s: FloatArray) -> str:
     """Return when some readings were made: between two times, every so many, or the first times."""
     steps = np.unique(np.diff(place))
-    if len(place) > TIMES and len(steps) == 1:
+    if len(place) > MOST_NAMED and len(steps) == 1:
         span = f"between {time_s[0]:.2f} and {time_s[-1]:.2f} s"
         return f"all {span}" if steps[0] == 1 else f"every {_ordinal(int(steps[0]))} {span}"
     return first_at(time_s.tolist())
@@ -132,10 +132,8 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     # 1.
     if recording.sample_count < 50:
         return recording, None
-    noisy, _ = complete_noise(array, recording)
-    is_stated = array.vector_noise_T is not None
     try:
-        judge = _Judge(estimate(recording, noisy), noisy, recording.thinned(SKETCH), is_stated)
+        judge = _Judge(estimate, recording, array)
         # Mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit
         # of all.
         if judge.spread < 2.0 and not judge.is_bad(recording).any():
@@ -147,17 +145,13 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     most = 1 / 3
     if is_far.mean() >= most:
         return recording, None
-    near = recording.take(~is_far)
-    noisy, some = complete_noise(array, near)[0], near.thinned(SKETCH)
     try:
-        judge = _Judge(maximum_likelihood(some, noisy, robust=True).errors, noisy, some, is_stated)
+        judge = _Judge(_robust_estimate, recording.take(~is_far), array)
         is_bad = judge.is_bad(recording)
         for _ in range(_MOST_ROUNDS):
             if not 0 < is_bad.mean() < most:
                 return recording, None
-            left = recording.take(~is_bad)
-            noisy, some = complete_noise(array, left)[0], left.thinned(SKETCH)
-            judge = _Judge(estimate(left, noisy), noisy, some, is_stated)
+            judge = _Judge(estimate, recording.take(~is_bad), array)
             before, is_bad = is_bad, judge.is_bad(recording)
             if (is_bad == before).all():
                 break
@@ -169,6 +163,10 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     since_s = bad.time_s - recording.time_span_s[0]
     found = LeftOut(since_s, np.flatnonzero(is_bad), judge.worst(bad), len(is_bad), recording.sensor_count)
     return (recording, None) if found.is_event else (recording.take(~is_bad), found)
+
+
+def _robust_estimate(recording: SampleSource, array: Array) -> SensorErrors:
+    return maximum_likelihood(recording.thinned(SKETCH), array, robust=True).errors
 
 
 def _far_off(recording: SampleSource) -> NDArray[np.bool_]:
@@ -186,20 +184,21 @@ class _Judge:
 
     Parameters
     ----------
-    errors : SensorErrors
-        As they were fitted.
-    array : KnownNoiseArray
-        The noise of the sensors.
-    some : Recording
-        Samples that show the size of usual residuals.
-    is_stated : bool
-        Whether the noise is stated: residuals that are smaller then are no reason to judge more strictly.
+    fit : callable
+        From samples and an array with every noise to the errors.
+    source : SampleSource
+        Samples that it is made of, and that show the size of usual residuals.
+    array : Array
+        Where it states the noise, residuals that are smaller are no reason to judge more strictly.
     """
 
-    def __init__(self, errors: SensorErrors, array: KnownNoiseArray, some: Recording, is_stated: bool) -> None:
+    def __init__(
+        self, fit: Callable[[SampleSource, KnownNoiseArray], SensorErrors], source: SampleSource, array: Array
+    ) -> None:
+        noisy, some = complete_noise(array, source)[0], source.thinned(SKETCH)
+        self._errors = errors = fit(source, noisy)
         count = errors.sensor_count
-        self._errors = errors
-        self._variance_T2, self._scalar_T2 = array.vector_noise_T**2, array.scalar_noise_T**2
+        self._variance_T2, self._scalar_T2 = noisy.vector_noise_T**2, noisy.scalar_noise_T**2
         self._has_scalar = some.scalar_T is not None  # else it is slower than these samples, and not judged
         self._intensity_T = float(np.median(norm(errors.restore(some.readings_T).mean(axis=1), axis=1)))
         freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
@@ -211,7 +210,7 @@ class _Judge:
         # No χ² is larger with probability exp(-exponent), Laurent and Massart 2000, lemma 1.
         limits = freedom + 2 * np.sqrt(freedom * exponent) + 2 * exponent
         # Median square of the residuals over that of an estimated noise: below lies only rounding.
-        self._limits = limits * np.maximum(scale, 1.0 if is_stated else 1e-2)
+        self._limits = limits * np.maximum(scale, 1e-2 if array.vector_noise_T is None else 1.0)
 
     def is_bad(self, source: SampleSource) -> NDArray[np.bool_]:
         """Return which samples (N,) hold a reading that contradicts the others."""

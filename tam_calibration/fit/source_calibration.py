@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import scaled
-from tam_calibration.core.normal_equations import Normal
+from tam_calibration.core.least_squares import Normal, scaled
 from tam_calibration.correction.calibration import Calibration, KnownSource
 from tam_calibration.fit.information import descend, inverted
 from tam_calibration.fit.prior import turned
@@ -23,8 +22,8 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.demodulation import Poses, amplitudes_of
 from tam_calibration.sources.dipole import Source
-from tam_calibration.sources.poses import Poses, amplitudes_of
 
 _OTHER_SOURCE = (
     "the readings cannot be those of the stated source: check its position, axis, strength and radius, and the poses"

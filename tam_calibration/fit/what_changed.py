@@ -14,7 +14,7 @@ import numpy as np
 from numpy.linalg import LinAlgError, inv, norm
 from numpy.typing import NDArray
 
-from tam_calibration.core.slow_cosines import WHITE
+from tam_calibration.core.noise import WHITE
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.change_within import Span, find_change, steady_intensity
 from tam_calibration.fit.ellipsoid import normalize, sphere_center
@@ -56,9 +56,8 @@ class PartModel:
     def of(cls, recording: Recording, array: KnownNoiseArray) -> "PartModel | None":
         """Calibrate a part of a recording with sensors of any hand; None where its readings do not determine that."""
         data = normalize(recording)
-        scalar = array.scalar_noise_T / data.radius_T if data.has_scalar else 0.0
         try:
-            matrix, bias = principal_form(data, array.vector_noise_T / data.radius_T, scalar)
+            matrix, bias = principal_form(data, *data.noise_of(array))
             unmix = inv(matrix)
         except (InputError, LinAlgError):
             return None
@@ -254,11 +253,8 @@ def _of_biases(jumps_T: FloatArray) -> str:
 
 
 _EXPLAINED = 2.0
-"""Largest variance of the residuals under a hypothesis over that of the calibrated part: its directions may differ."""
-
-
-_NOISE_ALONE = 2.0
-"""Variance of the calibrated part's residuals over that of the noise, from which chance is not that of white noise."""
+"""Largest variance of residuals over that of the calibrated part, whose directions may differ, or of this part over the
+noise: above it chance is not that of white noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +330,7 @@ def despite_changes(
         When the change is plain, and the calibration is more than three standard errors from that of the longer part.
     """
     left = max(calibration.reduced_chi_square.values(), default=1.0)
-    if left < _NOISE_ALONE and calibration.variance_factors == WHITE:
+    if left < _EXPLAINED and calibration.variance_factors == WHITE:
         return calibration
     change = what_changed(recording, array)
     if change is None:
@@ -375,7 +371,7 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     # price.
     # Least ratio of the variances of both parts' residuals where the noise is not white: a room leaves a half or
     # twice.
-    if gained < 50.0 if parts.level < _NOISE_ALONE else before < 4.0:
+    if gained < 50.0 if parts.level < _EXPLAINED else before < 4.0:
         return None
     is_calibrated = span.of_all(parts.is_calibrated, recording.sample_count)
     # Part of the residuals' energy that a hypothesis may leave in any case: 3 % of their size, which are side

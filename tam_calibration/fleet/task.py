@@ -19,9 +19,8 @@ from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
 from tam_calibration.messages.samples import Usage
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused, printable
+from tam_calibration.model.exceptions import InputError, Refused, printable, sensors_in_words
 from tam_calibration.model.recording import SampleSource
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.recordings import array_to_mapping, read_array, read_samples
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.channel_map import Reading

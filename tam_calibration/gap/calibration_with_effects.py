@@ -17,7 +17,7 @@ from tam_calibration.effects.removal import linear_effect, on_sensors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.consistency import LOOK_FOR_CAUSE, SOMETHING_MAGNETIC
 from tam_calibration.fit.estimate import make_calibration
-from tam_calibration.fit.identifiability import refuse_open, require_determined
+from tam_calibration.fit.information import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.diagnose import diagnose
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, refined
@@ -30,12 +30,10 @@ from tam_calibration.gap.size import Evidence, examine, unusable
 from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
 from tam_calibration.integrity import CHANNEL_FAULTS, require_sound
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused, sensors_in_words
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording, SampleSource
-from tam_calibration.model.residuals import measure_residuals
-from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.sensors_in_words import sensors_in_words
+from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import to_nanotesla
 
 IN_WORLD = "recorded_attitude"

@@ -17,8 +17,8 @@ from tam_calibration.gap.result import Cause, Gap, Residue, Size, Verdict, Where
 from tam_calibration.gap.size import measure, noise_variance, words_of
 from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search
 from tam_calibration.gap.whitened_channels import WhitenedChannels
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 

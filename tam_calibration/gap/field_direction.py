@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import whitening
-from tam_calibration.fit.agreement import SEEN
+from tam_calibration.core.least_squares import ROUNDING, whitening
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.gyroscope_check import GyroscopeFit, settled_gyroscope, within_range
 from tam_calibration.fit.gyroscope_likelihood import WhiteTurns
@@ -88,7 +87,7 @@ def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:
     lengths = [length for length in _LENGTHS if 8 * length < len(turns.links)]
     courses, explained = [], turns.columns[:-1]
     for _ in range(_MOST_CHANGES):
-        basis = explained.T @ whitening(explained @ explained.T, SEEN)
+        basis = explained.T @ whitening(explained @ explained.T, ROUNDING)
         residual = turns.columns[-1] - basis @ (turns.columns[-1] @ basis)
         candidates = (_likeliest(turns, basis, residual, length) for length in lengths)
         likeliest = max(candidates, key=lambda candidate: candidate.chi_square, default=None)
@@ -143,10 +142,10 @@ def _likeliest(turns: WhiteTurns, basis: FloatArray, residual: FloatArray, lengt
 
     knots = first[np.linspace(0, len(first) - 1, _KNOTS).astype(int)]
     information = information_at(knots)
-    seen = information > SEEN * information.max()
+    seen = information > ROUNDING * information.max()
     chi_square = score / np.interp(first, knots[seen], information[seen])
     best = int(np.argmax(chi_square))
     # 2 log 2: the median of χ² with two degrees of freedom.
     unit = max(float(np.median(chi_square)) / (2 * np.log(2)), 1.0)
-    exact = float(score[best]) / max(float(information_at(first[[best]])[0]), SEEN * float(information.max()))
+    exact = float(score[best]) / max(float(information_at(first[[best]])[0]), ROUNDING * float(information.max()))
     return _Candidate(exact / unit, int(first[best]), length)

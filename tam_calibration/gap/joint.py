@@ -3,7 +3,7 @@
 The standard errors are robust to autocorrelated and heteroscedastic residuals. The error of a coefficient is the sum
 over the samples of its influence times their residuals. Its variance is estimated from the same products weighted by
 slow cosines of time: where the products are stationary, these weighted sums have the variance of the error itself
-(``core.slow_cosines``). The mean square of a few of them is the estimate; it has few degrees of freedom, but holds for
+(``core.noise``). The mean square of a few of them is the estimate; it has few degrees of freedom, but holds for
 any correlation time up to a fraction of the recording. The fit itself removes a part of each sum; how much, and how
 many degrees of freedom remain, follows from the design for a white residual (Bell and McCaffrey, Bias reduction in
 standard errors, Surv. Methodol. 28, 2002, p. 169).
@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tam_calibration.core.slow_cosines import BLOCKS, COSINES, slow_cosines
+from tam_calibration.core.noise import BLOCKS, COSINES, slow_cosines
 from tam_calibration.correction.calibration import EffectSize
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term

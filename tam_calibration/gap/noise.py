@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.linalg import lstsq
 
-from tam_calibration.core.normal_equations import Elimination
+from tam_calibration.core.least_squares import Elimination
 from tam_calibration.effects.removal import agreed_field
 from tam_calibration.gap.floor import least_factor, stated_noise, white_variance
 from tam_calibration.gap.model import Model

@@ -12,7 +12,7 @@ from math import log, sin, sqrt
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.normal_equations import Normal
+from tam_calibration.core.least_squares import Normal
 from tam_calibration.correction.acceptance import LARGEST_NON_ORTHOGONALITY, LARGEST_RATIO
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.sensor_errors import SensorErrors

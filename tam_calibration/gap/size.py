@@ -27,8 +27,7 @@ from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.result import Considered, Size
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import TENSOR_OUTPUTS
-from tam_calibration.model.further_channels import channel_in_words
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, channel_in_words
 from tam_calibration.model.units import FloatArray
 
 

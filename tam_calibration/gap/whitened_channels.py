@@ -14,7 +14,7 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from tam_calibration.core.normal_equations import Elimination, Normal
+from tam_calibration.core.least_squares import Elimination, Normal
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.residuals import WhitenedResiduals

@@ -5,12 +5,10 @@ from collections.abc import Collection, Iterable, Iterator
 import numpy as np
 
 from tam_calibration.core.alternation import alternations
-from tam_calibration.integrity.fault import Fault, refuse, require_names
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.fault import Fault, Overview, refuse, require_names
 from tam_calibration.integrity.placement import left_handed
 from tam_calibration.integrity.repeated import Copies, FrozenAxes
-from tam_calibration.integrity.units import in_other_units
-from tam_calibration.integrity.values import at_ends, in_steps, with_stuck_bits
+from tam_calibration.integrity.values import at_ends, in_other_units, in_steps, with_stuck_bits
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording, SampleSource
 

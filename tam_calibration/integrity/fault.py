@@ -1,12 +1,17 @@
-"""A fault of a channel, and which faults a person may accept."""
+"""A fault of a channel, which faults a person may accept, and the samples of a recording in which faults are sought."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
+import numpy as np
+
 from tam_calibration.correction.acceptance import LIMITS
-from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.units import to_nanotesla
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused
+from tam_calibration.model.limits import LARGEST
+from tam_calibration.model.recording import SKETCH, Recording, SampleSource
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 CHANNEL_FAULTS = {
     "alternating": "a sensor that reads two courses in turn, as where two publishers send on its topic",
@@ -25,9 +30,6 @@ CHANNEL_FAULTS = {
 
 ACCEPTABLE = {**CHANNEL_FAULTS, "accuracy": "noise that leaves parameters open", **LIMITS}
 """The names of all that may be accepted: of the channels, and of the calibration that was fitted."""
-
-MOST_STATED = 3
-"""Faults that a refusal states in full: one cause, such as a dead converter, shows in the three axes of a sensor."""
 
 Severity = Literal["refusal", "warning", "note"]
 
@@ -132,7 +134,81 @@ def refuse(faults: Iterable[Fault]) -> None:
     found = list(faults)
     if not found:
         return
-    more = f"; and {len(found) - MOST_STATED} more such findings" if len(found) > MOST_STATED else ""
-    sentences = "; ".join(fault.sentence for fault in found[:MOST_STATED])
+    more = f"; and {len(found) - MOST_NAMED} more such findings" if len(found) > MOST_NAMED else ""
+    sentences = "; ".join(fault.sentence for fault in found[:MOST_NAMED])
     names = ", ".join(dict.fromkeys(fault.name for fault in found))
     raise Refused(f"{sentences}{more}; correct that, or accept it by name: {names}")
+
+
+SHARED = 0.9
+"""Least canonical correlation of sensors that both show the motion in all directions, and not their noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """Some samples (n, K, 3) of a recording of K sensors, in the order of time."""
+
+    recording: Recording
+    time_s: tuple[float, float]
+
+    @classmethod
+    def of(cls, source: SampleSource) -> "Overview":
+        """Return that of a complete recording of any size."""
+        # Samples at most: a share of one per cent of them is 20 samples, which no chance makes of a sound axis.
+        return cls(source.thinned(SKETCH).thinned(2000), source.time_span_s)
+
+    @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return self.recording.sensor_count
+
+    @cached_property
+    def values_T(self) -> FloatArray:
+        """(3K, n) readings of all axes, in the order of time, those that are no field at all moved to the largest."""
+        values = np.ascontiguousarray(self.recording.readings_T.reshape(self.recording.sample_count, -1).T)
+        largest_T = LARGEST["readings"]
+        return np.clip(values, -largest_T, largest_T, out=values)
+
+    @cached_property
+    def sorted_T(self) -> FloatArray:
+        """(3K, n) readings of each axis, in increasing order."""
+        return np.sort(self.values_T, axis=1)
+
+    @cached_property
+    def without_spikes_T(self) -> FloatArray:
+        """(3K, n) readings about their mean, those beyond all but one per cent moved to there."""
+        count = self.sorted_T.shape[1]
+        # Share of the samples at either end that may be spikes, and do not count for the spread of an axis.
+        lone = int(0.01 * count)
+        low, high = self.sorted_T[:, lone : lone + 1], self.sorted_T[:, count - 1 - lone : count - lone]
+        clipped = np.clip(self.values_T, low, high)
+        return np.asarray(clipped - clipped.mean(axis=1, keepdims=True))
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(K, K, 3, 3) covariances of the sensors, without spikes, T²."""
+        values, count = self.without_spikes_T, self.sensor_count
+        return np.asarray((values @ values.T / values.shape[1]).reshape(count, 3, count, 3).swapaxes(1, 2))
+
+    def shared_motion(self, one: int, other: int) -> float:
+        """Return the smallest canonical correlation of two sensors: 1 where the same motion is all that both read."""
+        roots = []
+        for sensor in (one, other):
+            values, vectors = np.linalg.eigh(self.covariance[sensor, sensor])
+            if not values[0] > 0:
+                return 0.0
+            roots.append(vectors / np.sqrt(values))
+        shared = roots[0].T @ self.covariance[one, other] @ roots[1]
+        return float(np.linalg.svd(shared, compute_uv=False)[-1])
+
+    @cached_property
+    def spread_T(self) -> FloatArray:
+        """(K, 3) standard deviations of the axes, without spikes."""
+        own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
+        return np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+
+    @cached_property
+    def principal_T(self) -> FloatArray:
+        """(K, 3) standard deviations of each sensor's readings along their principal directions, increasing."""
+        own = self.covariance[range(self.sensor_count), range(self.sensor_count)]
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(own), 0)))

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, between, channel
-from tam_calibration.integrity.overview import SHARED, Overview
+from tam_calibration.integrity.fault import SHARED, Fault, Overview, between, channel
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray
 
@@ -178,9 +177,6 @@ def _placement(readings_T: FloatArray, motion: Motion, inverse: FloatArray) -> P
     return Placement(1 - explained / variance, fields, float(np.sqrt(max(explained.max(), 0.0))))
 
 
-NORTH = 0.7
-"""Part along north of the level field of a place: within 45 degrees; the reversed one points south."""
-
 UNEXPLAINED = 0.02
 """Share of the variance of readings that attitude leaves where it is the sensor's: see ``placement.FITS``."""
 
@@ -279,5 +275,6 @@ def _left_handed_by_attitude(overview: Overview, groups: list[list[int]]) -> dic
 
 
 def _points_south(field_T: FloatArray) -> bool:
-    level = np.hypot(*field_T[:2])
-    return bool(level > LEVEL * np.linalg.norm(field_T) and field_T[1] < -NORTH * level)
+    """Return whether a field is level enough, and nearer to south than to east and west: fields point north."""
+    is_level = np.hypot(*field_T[:2]) > LEVEL * np.linalg.norm(field_T)
+    return bool(is_level and field_T[1] < -abs(field_T[0]))

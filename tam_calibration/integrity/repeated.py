@@ -9,8 +9,7 @@ from math import log
 
 import numpy as np
 
-from tam_calibration.integrity.fault import Fault, between, channel, fault_of_axis, in_nanotesla
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.fault import Fault, Overview, between, channel, fault_of_axis, in_nanotesla
 from tam_calibration.model.recording import Block, SampleSource
 from tam_calibration.model.units import FloatArray
 
@@ -40,9 +39,6 @@ def _chance(length: int, equal: int, count: int) -> float | None:
 PROBES = 16
 """Readings of a sensor in each block that are looked for among those of the others."""
 
-
-LATEST = 4096
-"""Samples by which a copy may be late: 40 s at 100 Hz."""
 
 COPIED = 1 - 1e-13
 """Correlation of two axes that differ by rounding only; noise of a millionth of the readings' spread makes less."""
@@ -83,7 +79,7 @@ class Copies:
         for original, copy in combinations(range(sensors), 2):
             if (numbers[copy] == numbers[original]).any():
                 self._pairs[copy, original].add(numbers[copy], numbers[original], block.time_s, 0)
-        for copy, original, late in _lags(numbers[:, :LATEST]):
+        for copy, original, late in _lags(numbers):
             self._pairs[copy, original].add(numbers[copy, late:], numbers[original, :-late], block.time_s[late:], late)
 
     def faults(self, overview: Overview) -> list[Fault]:

@@ -11,16 +11,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.normal_equations import ridged
-from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import ALL_BIASES, SEVERAL
-from tam_calibration.fit.identifiability import open_parameters
+from tam_calibration.core.least_squares import ridged, scaled
+from tam_calibration.correction.calibration import ALL_BIASES, SEVERAL, Calibration
+from tam_calibration.fit.information import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.change import GRADIENT
-from tam_calibration.live.change_window import BLOCK_S, BlockMeans, BlockNoise, ChangeWindow, Step, Suspicion
-from tam_calibration.live.recursion import Belief, MomentLikelihood, Recursion, SampleMoments, Trial, Walk, solve
-from tam_calibration.live.turns import Stretch
+from tam_calibration.live.change_window import BLOCK_S, GRADIENT, BlockMeans, BlockNoise, ChangeWindow, Step, Suspicion
+from tam_calibration.live.recursion import (
+    Belief,
+    MomentLikelihood,
+    Recursion,
+    SampleMoments,
+    Stretch,
+    Trial,
+    Walk,
+    solve,
+)
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import FloatArray
 
@@ -378,7 +384,6 @@ def _own_energy(here: Linearization, moments: SampleMoments) -> tuple[float, flo
     freedom = moments.count * (3 * count - 3) + moments.scalar_count - (12 * count - 3)
     if freedom <= 0:
         return 0.0, 0.0
-    scale = np.sqrt(np.maximum(np.diag(both.information), np.finfo(float).tiny))
-    unit, gradient = both.information / np.outer(scale, scale), both.score / scale
-    fall = gradient @ np.linalg.solve(ridged(unit), gradient)
+    unit, scale = scaled(both.information)
+    fall = both.score / scale @ np.linalg.solve(ridged(unit), both.score / scale)
     return max(both.energy - float(fall), 0.0), float(freedom)

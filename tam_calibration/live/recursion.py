@@ -14,6 +14,10 @@ which the score (b / s) ⊗ [b, 1] (|b|² - s²) / 2s is in the mean, to second 
 1; S and t are the means of u uᵀ and u / |b|. That is taken off too, as in ``likelihood``.
 
 What was learned, tried on samples after it before it is published: one that predicts worse never is.
+
+A gyroscope adds the turns of two minutes at a time. They are judged as those of a recording (``fit/gyroscope_check``),
+with what was known before as prior. Bias, mounting and delay of the gyroscope are unknown each time and eliminated, so
+that they may change from one time to the next.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,20 +26,20 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import inv
 
-from tam_calibration.core.least_squares import scaled
-from tam_calibration.core.normal_equations import Elimination, Normal, gram
-from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
+from tam_calibration.core.interpolation import AveragedRates
+from tam_calibration.core.least_squares import Elimination, Normal, gram, scaled
+from tam_calibration.core.noise import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
+from tam_calibration.fit.gyroscope_check import judge_gyroscope
 from tam_calibration.fit.information import descend, rows_by_unknowns
 from tam_calibration.fit.likelihood import ChannelMaps, CommonModeSums, Linearization, normal_equations
 from tam_calibration.fit.prior import Prior
+from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-
-_DIRECTION = (3, 7, 11, 15)
-"""Places there of the field's components by themselves, and of the 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +152,8 @@ class MomentLikelihood:
         choose[12, (0, 5, 10)], choose[12, 16] = 0.5, -0.5
         turned = turn @ moments.fourth @ turn.T
         covariance = back @ self._elimination.covariance @ back.T
-        by_direction = turned[np.ix_(_DIRECTION, _DIRECTION)]
+        # Places of the field's components by themselves, and of the 1.
+        by_direction = turned[3::4, 3::4]
         by_field = covariance @ by_direction[:3, :3]
         score = np.column_stack([by_field + by_field.T, covariance @ by_direction[:3, 3]])
         return CommonModeSums(choose @ turned @ choose.T, score.ravel(), moments.scalar_count)
@@ -457,3 +462,83 @@ class Trial:
         least = max(CLEARLY_BETTER, 0.01 * float(self.energy.sum()))
         fall = min(of_sensors, of_all) if self.energy[0] else of_all
         return self.blocks >= TRIED and fall >= least
+
+
+class Stretch:
+    """Samples with angular velocity, and what was known before them.
+
+    Parameters
+    ----------
+    prior : Prior
+        Of the sensors; its array states the gyroscope.
+    """
+
+    def __init__(self, prior: Prior) -> None:
+        self._prior = prior
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew: the sensors have changed, or what there was is learned."""
+        self._blocks: list[tuple[FloatArray, FloatArray]] = []
+        self._before: Belief | None = None
+        self._averaged = AveragedRates()
+
+    def add(self, rows: FloatArray, rates: FloatArray, before: Belief) -> None:
+        """Take the samples of a block.
+
+        Parameters
+        ----------
+        rows : (n, 3K + 3) array
+            As of ``Live.add``.
+        rates : (n, 3) array
+            Angular velocities, rad/s; NaN where there is none.
+        before : Belief
+            What was known before the block.
+        """
+        if not np.isfinite(rates).any():
+            return
+        if self._blocks and rows[0, 0] <= self._blocks[-1][0][-1, 0]:  # the clock was set
+            self.clear()
+        self._before = self._before or before
+        stamps_ns = np.round(1e9 * rows[:, 0]).astype(np.int64)
+        self._averaged.add(stamps_ns, rates)
+        # Samples that are kept of a block of 2 s; angular velocities are averaged between them, so that none is
+        # lost.
+        kept = np.linspace(0, len(rows), min(20, len(rows)) + 1).astype(int)[1:] - 1
+        self._blocks.append((rows[kept], self._averaged.means(stamps_ns[kept], rates[kept])))
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it is long enough to be learned."""
+        # Time after which what the gyroscope tells is learned: longer than swings in waves take, and than a
+        # quarter turn.
+        return bool(self._blocks) and self._blocks[-1][0][-1, 0] - self._blocks[0][0][0, 0] >= 120.0
+
+    def information(self, factors: VarianceFactors) -> tuple[Normal, SensorErrors] | None:
+        """Return the information of its turns on the errors, and at which; None if the gyroscope is not used.
+
+        Parameters
+        ----------
+        factors : VarianceFactors
+            Of the readings.
+        """
+        assert self._before is not None
+        rows, rates = (np.concatenate(each) for each in zip(*self._blocks, strict=True))
+        before, scalar_T = self._before, rows[:, -2]
+        calibration = replace(self._prior.calibration, errors=before.errors)
+        known = Known(
+            replace(self._prior, calibration=calibration, covariance=before.covariance), variance_factors=factors
+        )
+        self.clear()
+        recording = Recording(
+            rows[:, 0],
+            rows[:, 1:-2].reshape(len(rows), -1, 3),
+            scalar_T if np.isfinite(scalar_T).any() else None,
+            angular_velocity_rad_s=rates,
+        )
+        recording, judged = judge_gyroscope(recording, calibration.array, known)
+        if judged.fit is None:
+            return None
+        known = replace(known, gyroscope=judged.fit.begun, start=judged.fit.place)
+        problem = Problem.of(recording, calibration.array, known)
+        return problem.errors_by_motion(problem.start), problem.start.errors

@@ -1,22 +1,30 @@
-"""An alternating source, from the amplitudes that the sensors read of it."""
+"""An alternating source: frequency and phase in stretches of a recording, and its place from the amplitudes there."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from tam_calibration.core.noise import noise_deviation
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.localization.amplitude_fit import (
-    AmplitudeFit,
-    Amplitudes,
-    locate_amplitudes,
-    require_one_source,
-)
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, errors_of
+from tam_calibration.localization.amplitude_fit import AmplitudeFit, Amplitudes, locate_amplitudes, require_one_source
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.source_fit import SOURCES, elements_of, require_index
-from tam_calibration.localization.stretch import estimator_of, frequency_of, require_one_phase
-from tam_calibration.localization.survey import ARRAY_FRAME, WORLD_FRAME, Line, Overall, Survey
+from tam_calibration.localization.solutions import (
+    ARRAY_FRAME,
+    WORLD_FRAME,
+    EulerSolutions,
+    Line,
+    Overall,
+    Status,
+    Survey,
+)
+from tam_calibration.localization.source_fit import (
+    PLACE_ERROR_M,
+    SOURCES,
+    elements_of,
+    errors_of,
+    require_gradient,
+    require_index,
+)
 from tam_calibration.localization.turned_samples import turned
 from tam_calibration.model.array import tensors_of
 from tam_calibration.model.exceptions import InputError, Refused
@@ -24,15 +32,139 @@ from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import (
+    CHANCE,
+    FEWEST_PERIODS,
     Demodulated,
     Spectrum,
     Stretch,
     background_of,
     demodulate,
     find_frequency,
+    poses_of,
     turning_of,
+    without,
 )
-from tam_calibration.sources.poses import FEWEST_PERIODS, poses_of
+
+_SEARCHED = 0.7
+"""Part of the resolution, one over the length of a stretch, within which the frequency is sought."""
+
+_LARGEST_ADVANCE = 0.1
+"""Turns by which the phase may advance over a stretch where the frequency is stated: it was rounded then, and the one
+that is found is taken."""
+
+_CLEAR = 25.0
+"""Mean square of the amplitudes over their standard errors below which noise moves the frequency as it likes."""
+
+_SAME_PHASE = 1e-3
+"""Part of the amplitudes that may be out of phase, all together: clocks of the sensors that differ by 16 µs make it at
+10 Hz."""
+
+
+def estimator_of(stretch: Stretch, found: Demodulated) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the sinusoid (N,) of a source whose channels turn, and what makes its amplitudes.
+
+    The noise is the median of what is left at all frequencies: beside the source is also what bends over the array,
+    which the amplitudes do not hold.
+
+    Parameters
+    ----------
+    stretch : Stretch
+        In which the source is heard.
+    found : Demodulated
+        Its amplitudes.
+
+    Returns
+    -------
+    carrier : (N,) array
+        Of the source, its amplitude one.
+    estimator : (D, N, D) array
+        From the channels to the amplitudes.
+    covariance : (D, D) array
+        Of the amplitudes.
+    """
+    from scipy.fft import dct
+
+    assert stretch.turning is not None
+    count, channels = stretch.channels.shape
+    carrier = stretch.carrier(found.frequency_hz, found.phase)[:, 0]
+    design = without(stretch.background, (carrier[:, None, None] * stretch.turning).reshape(count, -1))
+    design = design.reshape(count, channels, channels)
+    window = np.hanning(count)[:, None]
+    waves = dct(window * (stretch.rest - design @ found.amplitude), axis=0, norm="ortho")
+    noise = noise_deviation(waves, axis=0) / np.sqrt(np.mean(window**2))
+    unit = design / noise[:, None] * noise  # the unknowns have the units of the channels: the noise scales them too
+    covariance = np.linalg.inv(np.einsum("npa,npb->ab", unit, unit))
+    estimator = np.einsum("a,ab,npb,p->anp", noise, covariance, unit, 1 / noise, optimize=True)
+    return carrier, estimator, covariance * np.outer(noise, noise)
+
+
+def frequency_of(stretches: Sequence[Stretch], frequency_hz: float, is_stated: bool) -> float:
+    """Return the frequency of a source near one that was stated or found.
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+        In which it is heard.
+    frequency_hz : float
+        Near which it is, hertz.
+    is_stated : bool
+        Whether its phase may advance by no more than a tenth of a turn against it.
+
+    Raises
+    ------
+    Refused
+        When a stated frequency is off.
+    """
+    from scipy.optimize import minimize_scalar
+    from scipy.special import chdtri
+
+    size = [demodulate(stretch, frequency_hz).noise for stretch in stretches]
+    if not all((noise > 0).all() for noise in size):
+        return frequency_hz
+
+    def energy(offset_hz: float) -> float:
+        each = [demodulate(stretch, frequency_hz + offset_hz).noise for stretch in stretches]
+        parts = zip(stretches, each, size, strict=True)
+        return float(sum(len(own.time_s) * np.sum((now / before) ** 2) for own, now, before in parts))
+
+    longest_s = max(stretch.span_s for stretch in stretches)
+    widest_hz, options = _SEARCHED / longest_s, {"xatol": np.sqrt(np.finfo(float).eps) / longest_s}
+    found = minimize_scalar(energy, bounds=(-widest_hz, widest_hz), method="bounded", options=options)
+    hertz = frequency_hz + float(found.x)
+    heard = [demodulate(stretch, hertz) for stretch in stretches]
+    signal = np.mean([np.mean((each.amplitude / each.standard_errors) ** 2) for each in heard])
+    # All channels have the noise that is left at the frequency that is found.
+    count = sum(stretch.channels.size for stretch in stretches)
+    if signal < _CLEAR or count * (energy(0.0) / float(found.fun) - 1) < chdtri(1, CHANCE):
+        return frequency_hz
+    turns = abs(float(found.x)) * longest_s
+    if is_stated and turns > _LARGEST_ADVANCE:
+        raise Refused(
+            f"the frequency is off: against {frequency_hz:.9g} Hz the phase advances by {360 * turns:.3g}° in "
+            f"{longest_s:.3g} s. State {hertz:.5g} Hz, or let it be found"
+        )
+    return hertz
+
+
+def require_one_phase(found: Sequence[Demodulated]) -> None:
+    """Refuse amplitudes of which more is out of phase than noise makes.
+
+    Raises
+    ------
+    Refused
+        When they are those of several sources.
+    """
+    from scipy.special import chdtrc
+
+    freedom = sum(len(each.amplitude) - 1 for each in found)
+    energy = sum(each.out_of_phase * (len(each.amplitude) - 1) for each in found)
+    signal = sum(np.sum((each.amplitude / each.standard_errors) ** 2) for each in found)
+    if chdtrc(freedom, energy) < CHANCE and energy > freedom + _SAME_PHASE**2 * signal:
+        raise Refused(
+            f"there are two sources, or the sensors' clocks differ: {100 * np.sqrt(energy / signal):.2g} % of the "
+            "amplitudes are out of phase with the others. Switch off all sources but one"
+        )
+
 
 _HIGHEST_HZ = 1e6
 """Highest frequency of a source, hertz: no array samples twice as fast."""
@@ -40,10 +172,6 @@ _HIGHEST_HZ = 1e6
 _TURNING = "The array never stood still: field and gradient were demodulated as they turned."
 
 _POINT = "A coil counts as a point: one of radius a at distance r may be up to a²/r beside the place that is found."
-
-_PLACES = (
-    f"The sensors are not exactly where they are stated: standard errors hold {1e3 * PLACE_ERROR_M:g} mm of each place."
-)
 
 
 def locate_alternating(
@@ -74,8 +202,7 @@ def locate_alternating(
         those of one source of this structural index.
     """
     require_index(index)
-    if not calibration.array.has_gradient:
-        raise InputError("the array's geometry determines no gradient, from which sources are located")
+    require_gradient(calibration.array)
     if frequency_hz is not None and not 0 < frequency_hz <= _HIGHEST_HZ:
         raise InputError(
             f"the frequency must be a positive number of hertz, at most {_HIGHEST_HZ:g}, not {frequency_hz:g}"
@@ -101,7 +228,11 @@ def locate_alternating(
     if together is not None:
         require_one_source({one: fit for one, (_, fit) in each.items()}, index)
     is_displaced = together is not None and together.place_error_m > 0
-    remarks = {_TURNING: not poses, _PLACES: is_displaced, _POINT: index == DIPOLE_INDEX}
+    places = (
+        "The sensors are not exactly where they are stated: standard errors hold "
+        f"{1e3 * PLACE_ERROR_M:g} mm of each place."
+    )
+    remarks = {_TURNING: not poses, places: is_displaced, _POINT: index == DIPOLE_INDEX}
     return Survey(
         ARRAY_FRAME if recording.attitude is None else WORLD_FRAME,
         np.array([np.mean(stretch.time_s[[0, -1]]) for stretch in stretches]),

@@ -12,24 +12,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.core.least_squares import Solution
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
+from tam_calibration.fit.contradiction import PLAUSIBLE
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
-from tam_calibration.localization.line_fit import unknowns_of
-from tam_calibration.localization.solutions import CHANCE, EulerSolutions, Status
-from tam_calibration.localization.source_fit import SOURCES, fit_fields, is_certain, start_of
+from tam_calibration.localization.solutions import EulerSolutions, Status
+from tam_calibration.localization.source_fit import (
+    PLACE_ERROR_M,
+    SOURCES,
+    fit_fields,
+    is_certain,
+    start_of,
+    unknowns_of,
+)
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.demodulation import CHANCE
 from tam_calibration.sources.dipole import dipole_field
 
 _MOST_POSES = 100
 """Poses that are fitted together, evenly spaced ones of more: they bound the size of their covariance."""
-
-_DOUBTFUL = 0.05
-"""Chance of what is left below which the places of the sensors are taken for uncertain: errors that are too small to
-show for sure widen the intervals then, and one in twenty sound ones is wider than it need be."""
-
-_ROUNDING = 1e-9
-"""Part of the amplitudes that counts as noise: without any the covariance has no inverse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,8 @@ class Amplitudes:
         """Return the covariance (D, D) of the values about those of the source, whose gradient may be known better."""
         moved = (self.gradient if gradient is None else gradient) @ self.by_places
         places = place_error_m * self.by_points @ moved.reshape(self.by_points.shape[1], -1)
-        rounding = (_ROUNDING * np.abs(self.values).max()) ** 2 * np.eye(len(self.values))
+        # Rounding counts as noise: without any the covariance has no inverse.
+        rounding = np.finfo(float).eps * np.abs(self.values).max() ** 2 * np.eye(len(self.values))
         return np.asarray(self.noise + self.by_errors @ self.by_errors.T + places @ places.T + rounding)
 
     def turned(self, matrix: FloatArray, sign: float) -> "Amplitudes":
@@ -163,7 +164,8 @@ def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> A
         values, points, by_points = amplitudes.values[None], amplitudes.points_m, amplitudes.by_points
         solution = fit_fields(values, points, by_points, noise, start[None], index).solution
         fit = AmplitudeFit(solution, freedom, place_error_m)
-        if fit.chance > _DOUBTFUL:
+        # Errors too small to show for sure widen the intervals, and one in twenty sound ones is wider than need be.
+        if fit.chance > PLAUSIBLE:
             break
         if index == DIPOLE_INDEX and solution.is_found[0]:
             start = solution.unknowns[0]

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from tam_calibration.core.least_squares import ROUNDING
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.model.array import UNIT_TENSORS, tensors_of
 from tam_calibration.model.exceptions import InputError
@@ -19,19 +20,15 @@ from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import moment_of_field
 
-DIPOLE_INDEX = 3.0
+CURRENT_INDEX, DIPOLES_INDEX, DIPOLE_INDEX = 1.0, 2.0, 3.0
+"""Structural indices of a line of current, a line of dipoles, and a dipole."""
 
 # 99.73 % points of χ² with 3 and 5 degrees of freedom: as rare as three standard deviations.
 _FIELD_CHI_SQUARE, _TENSOR_CHI_SQUARE, _DEVIATIONS = 14.16, 18.21, 3.0
-_ROUNDING = 1e-12
 
 
 def locate(
-    outputs: FloatArray,
-    covariance: FloatArray | None = None,
-    *,
-    index: float = DIPOLE_INDEX,
-    constrained: bool = True,
+    outputs: FloatArray, covariance: FloatArray | None = None, *, index: float = DIPOLE_INDEX, constrained: bool = True
 ) -> EulerSolutions:
     """Locate the source of each sample; a sample's result does not depend on its neighbours.
 
@@ -71,7 +68,7 @@ def _locate(outputs: FloatArray, noise: FloatArray, index: float, constrained: b
     _mark(status, Status.NO_FIELD, _is_hidden(outputs[:, :3], noise[:, :3, :3], _FIELD_CHI_SQUARE))
     _mark(status, Status.NO_GRADIENT, _is_hidden(outputs[:, 3:], noise[:, 3:, 3:], _TENSOR_CHI_SQUARE))
     if not constrained:
-        least = _DEVIATIONS * system.deviations[:, 2] + _ROUNDING * np.abs(system.values[:, 0])
+        least = _DEVIATIONS * system.deviations[:, 2] + ROUNDING * np.abs(system.values[:, 0])
         _mark(status, Status.ILL_CONDITIONED, np.abs(system.values[:, 2]) <= least)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         r, by_output = system.solve(index)
@@ -131,7 +128,7 @@ class _System:
     def is_gap_hidden(self) -> np.ndarray:
         """(N,) whether the two smaller eigenvalues are equal within noise and rounding."""
         gap = np.abs(self.values[:, 1] - self.values[:, 2])
-        return gap <= _DEVIATIONS * self.gap_deviation + _ROUNDING * np.abs(self.values[:, 0])
+        return gap <= _DEVIATIONS * self.gap_deviation + ROUNDING * np.abs(self.values[:, 0])
 
     def solve(self, index: float) -> tuple[FloatArray, FloatArray]:
         """Return r (N, 3) and its derivatives (N, 3, 8) by the outputs.

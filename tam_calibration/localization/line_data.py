@@ -32,8 +32,8 @@ _ORDER = 5
 """Order of the differences in time that show the noise: of what sways within three seconds, at five samples a second,
 they leave a hundredth."""
 
-_DIRECTION_STEP_M = 40.0
-"""Distance between knots of the regional field's direction, metres."""
+SMOOTH_M = 50.0
+"""Distance between knots of what bends slowly along a line, the regional field's direction and its gradient, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ def _noise(world: FloatArray, array: Array) -> FloatArray:
 
 def _direction(mean: FloatArray, along_m: FloatArray) -> tuple[FloatArray, float, float]:
     """Return the direction (N, 3) of the regional field, how far readings wander about it, and how fast, radians."""
-    basis = Basis.over(float(along_m[0]), float(along_m[-1]), _DIRECTION_STEP_M)
+    basis = Basis.over(float(along_m[0]), float(along_m[-1]), SMOOTH_M)
     rows = basis.matrix(along_m)
     unit = mean / norm(mean, axis=1, keepdims=True)
     weights = np.ones(len(unit))

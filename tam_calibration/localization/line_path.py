@@ -1,16 +1,33 @@
-"""The path of a platform from its navigation: a smooth curve, and how far it may be from the true path.
+"""The course of a platform along a survey line: its path from navigation, its attitude also from a gyroscope.
 
 Navigation errs by white noise and by a slow drift, and a platform moves smoothly. So recorded positions are fitted by a
 cubic spline whose velocity changes as a random walk, of the size that makes the positions likeliest. The error of the
 path is the same spline with coefficients of known covariance: that of the fit, and that of the drift.
+
+The turns that a gyroscope measured, one after the other, are an attitude G whose error grows slowly. The recorded
+attitude R has an error of constant size that lasts for seconds. With A the true attitude, the small rotations
+
+    c = log(A Gᵀ),    log(R Gᵀ) = c + error of R
+
+are fitted by least squares: c is constant but for what bias, delay, mounting and scale of the gyroscope make of the
+turns, and for the random walk that its noise makes, as the first terms of its Karhunen-Loève series.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.linalg import inv
+from scipy.spatial.transform import Rotation
 
+from tam_calibration.core.noise import fast_noise
+from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
+from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState
+from tam_calibration.localization.source_fit import PLACE_ERROR_M
+from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
 _STEP_S, _FINER_STEPS_S = 0.8, (0.4, 0.2)
 """Distances between knots, seconds: vehicles sway within some seconds. A finer one is taken where it halves the
@@ -22,24 +39,15 @@ _MARGIN = 12
 _BALANCES = 10.0 ** np.arange(-6.0, 7.5, 0.5)
 """Ratios of the white variance to that of the random walk that are tried."""
 
-_LEAST_WHITE_M = 1e-5
-"""Least standard deviation of the white error, metres: navigation is written in digits."""
-
 _WALK_M_PER_S2, _SWAY_M = 0.05, 0.2
 """Standard deviations of a platform's acceleration, m/s², and of its distance from a straight line, metres, where no
 navigation tells them."""
 
-DRIFT_TIMES = (0.05, 0.3, 3.0)
-"""Correlation times of a drift, as parts of the line, each with a part of its variance."""
-
-_PARTS = (0.04, 0.5, 0.46)
-"""Parts of the variance of a drift, by its correlation times."""
-
-_LEAST_ERROR_M = 1e-3
-"""Least standard deviation of the error of a path, metres: frames are not measured better."""
+_DRIFT = {0.05: 0.04, 0.3: 0.5, 3.0: 0.46}
+"""Parts of the variance of a drift by their correlation times, which are parts of the line."""
 
 _LEAST_SEEN_M = 2e-4
-"""Standard deviation below which a part of the error of a path is left out, metres."""
+"""Standard deviation below which a part of the error of a path is left out, metres: positions are written in digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +129,9 @@ class Path:
         times = centers[wide[used]]
         span = float(centers[-1] - centers[0])
         lag = np.abs(times[:, None] - times)
-        drift = sum(part * np.exp(-lag / (span * scale)) for part, scale in zip(_PARTS, DRIFT_TIMES, strict=True))
+        drift = sum(part * np.exp(-lag / (span * scale)) for scale, part in _DRIFT.items())
         since = times - centers[0]
-        slow = (self.drift_m**2 + _LEAST_ERROR_M**2) * drift + self.velocity_error_m_per_s**2 * np.outer(since, since)
+        slow = (self.drift_m**2 + PLACE_ERROR_M**2) * drift + self.velocity_error_m_per_s**2 * np.outer(since, since)
         roots = []
         for bands in self.precision:
             own = np.diag(bands[3, wide])
@@ -194,7 +202,7 @@ def _smoothed(
         coefficients = cho_solve_banded((root, False), right)
         residual = centred - np.sum(values * coefficients[index], axis=1)
         energy = float(residual @ centred) / (len(places) - 2)
-        variance = max(energy, error_m**2, _LEAST_WHITE_M**2)
+        variance = max(energy, error_m**2, _LEAST_SEEN_M**2)
         score = (len(places) - 2) * (np.log(variance) + energy / variance)
         score += 2 * float(np.sum(np.log(root[3]))) - (len(rough[3]) - 2) * np.log(balance)
         if score < least:
@@ -239,7 +247,7 @@ def reckoned(time_s: FloatArray, velocity_m_per_s: FloatArray, error_m_per_s: fl
     basis = Basis.over(float(time_s[0]), float(time_s[-1]), _STEP_S)
     places = np.outer(basis.centers - basis.first, velocity_m_per_s)
     bands = _roughness(basis.count) / (_WALK_M_PER_S2 * basis.step**2) ** 2
-    bands[3] += 1 / (_SWAY_M if error_m_per_s else _LEAST_ERROR_M) ** 2
+    bands[3] += 1 / (_SWAY_M if error_m_per_s else PLACE_ERROR_M) ** 2
     return Path(basis, places, np.array([bands] * 3), 0.0, error_m_per_s)
 
 
@@ -247,3 +255,220 @@ def _cubic(distance: FloatArray) -> FloatArray:
     """Return the cubic B-spline at distances from its middle, in steps of its knots."""
     near = 2 / 3 - distance**2 + distance**3 / 2
     return np.where(distance < 1, near, np.maximum(2 - distance, 0.0) ** 3 / 6)
+
+
+_WALK = 24
+"""Terms of the random walk for each axis: what they leave of its variance is a hundredth part of its end's."""
+
+_MOUNTING, _SHAPE = from_degrees(3.0), 0.03
+"""Standard deviations of a gyroscope's mounting, radians, and of its scales and angles, where none are stated."""
+
+_DELAY_S = 0.1
+"""Standard deviation of a gyroscope's delay, seconds."""
+
+_LEAST_FREE = 0.25
+"""Least share of the degrees of freedom that counts as left after the fit: few errors that last for long leave hardly
+any, and their variance would grow without bound."""
+
+_FAR = 3.0
+"""Standard deviations of mounting, scale and angles beyond which the angular velocity is not that of this array."""
+
+_WANDERS = 1.1
+"""Ratio of the field's wander in the world with an angular velocity to that without, above which it is left out. A
+right one made it 0.05 to 0.18 on twelve lines; where targets alone cause the wander it is 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudePath:
+    """The attitude of N samples.
+
+    Parameters
+    ----------
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world.
+    error : float
+        Standard deviation about each axis, radians.
+    note : str
+        One sentence on what the angular velocity contributed; empty without one.
+    """
+
+    attitude: FloatArray
+    error: float
+    note: str = ""
+
+
+def attitude_path(
+    recording: Recording, gyroscope: Gyroscope | None, error: float, wander: Callable[[FloatArray], float]
+) -> AttitudePath:
+    """Return the attitude of a recording, steadied by its angular velocity where it has one that agrees.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of N samples with attitude.
+    gyroscope : Gyroscope, optional
+        As the array file states it.
+    error : float
+        Stated standard deviation of the recorded attitude about each axis, radians; 0 where none is stated.
+    wander : callable
+        By how much the direction of the field wanders in the world of an attitude (N, 4), radians: with an angular
+        velocity that agrees it wanders less.
+    """
+    assert recording.attitude is not None
+    recorded = AttitudePath(recording.attitude, error)
+    rates = recording.angular_velocity_rad_s
+    if rates is None:
+        return recorded
+    if not _is_whole(recording.time_s, rates):
+        return replace(recorded, note="the angular velocity has gaps or few samples, and is not used for the attitude")
+    attitude = Rotation.from_quat(recording.attitude)
+    known = _Gyroscope.of(recording.time_s, rates, gyroscope or Gyroscope()).with_bias_of(attitude)
+    steadied, scatter = _fitted(attitude, known, error)
+    if steadied is None or wander(steadied.attitude) > _WANDERS * wander(recorded.attitude):
+        return replace(recorded, note="the angular velocity does not turn as the attitude does, and is not used")
+    if steadied.error >= scatter:
+        return recorded
+    note = (
+        f"the recorded attitude errs by {to_degrees(scatter):.2g}°, and by {to_degrees(steadied.error):.2g}° with the "
+        "angular velocity"
+    )
+    return replace(steadied, note=note)
+
+
+def _is_whole(time_s: FloatArray, rates: FloatArray) -> bool:
+    """Return whether angular velocities (N, 3) determine all turns: enough samples, and gaps of a few at most."""
+    # 100 samples: with fewer the noise is uncertain by more than a tenth.
+    if len(time_s) < 100 or np.isfinite(rates).all(axis=1).mean() < 0.99:
+        return False
+    known_s = time_s[np.isfinite(rates).all(axis=1)]
+    return bool(np.diff(known_s).max() < 5 * np.median(np.diff(time_s)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Gyroscope:
+    """The turns between N samples, and what is known of the gyroscope that measured them."""
+
+    path: GyroscopePath
+    density: float
+    precision: FloatArray
+    state: GyroscopeState
+
+    @classmethod
+    def of(cls, time_s: FloatArray, rates: FloatArray, stated: Gyroscope) -> "_Gyroscope":
+        interval_s = float(np.median(np.diff(time_s)))
+        known = np.isfinite(rates).all(axis=1)
+        filled = np.column_stack([np.interp(time_s, time_s[known], each[known]) for each in rates.T])
+        # With the longest interval for the usual one all turns are known.
+        path = GyroscopePath(time_s, filled, float(np.diff(time_s).max()), (float(time_s[0]), float(time_s[-1])))
+        state = GyroscopeState.at_rest(np.eye(3), 0.0).of_modes(path.modes)
+        fast = float(np.sqrt(np.mean(fast_noise(filled) ** 2)) * np.sqrt(2 * interval_s))
+        modes = np.maximum(np.arange(len(state.bias)), 1)
+        shape = stated.scale_error or _SHAPE
+        spread = np.array([*np.repeat(stated.bias / modes, 3), _DELAY_S, *[_MOUNTING] * 3, *[shape] * 6])
+        return cls(path, stated.noise_density or fast, spread**-2, state)
+
+    def with_bias_of(self, attitude: Rotation) -> "_Gyroscope":
+        """Return the gyroscope with the constant bias by which its turns exceed those of an attitude (N,)."""
+        turns = (attitude[:-1].inv() * attitude[1:]).as_rotvec()
+        bias = self.state.bias.copy()
+        bias[0] = (self.path.turns(self.state) - turns).sum(axis=0) / self.path.duration_s.sum()
+        return replace(self, state=replace(self.state, bias=bias))
+
+    def away(self) -> FloatArray:
+        """Return how far (Q,) the state is from a gyroscope without errors."""
+        state = self.state
+        mounting = Rotation.from_matrix(state.mount).as_rotvec()
+        shape = (state.shape - np.eye(3))[ROWS, COLUMNS]
+        return np.concatenate([state.bias.ravel(), [state.delay_s], mounting, shape])
+
+    def turned(self) -> tuple[Rotation, FloatArray]:
+        """Return the rotations (N,) since the first sample, and their derivatives (N, 3, Q) in the world of these."""
+        state, path = self.state, self.path
+        matrix, angle = state.mount @ state.shape, path.turns(state)
+        turns = angle @ matrix.T
+        since = _products(Rotation.from_rotvec(np.vstack([np.zeros(3), turns])))
+        by_bias = -np.einsum("ij,mn->nimj", matrix, path.courses * path.duration_s).reshape(len(turns), 3, -1)
+        by_delay = (path.by_delay @ matrix.T)[:, :, None]
+        by_mount = np.cross(np.eye(3), turns[:, None]).swapaxes(1, 2)
+        by_shape = state.mount[:, ROWS] * angle[:, None, COLUMNS]
+        mirrored = state.mount[:, COLUMNS] * angle[:, None, ROWS]
+        by_shape += np.where(ROWS == COLUMNS, 0.0, mirrored)
+        own = np.concatenate([by_bias, by_delay, by_mount, by_shape], axis=2)
+        moved = np.cumsum(since[1:].as_matrix() @ own, axis=0)
+        return since, np.concatenate([np.zeros((1, *moved.shape[1:])), moved])
+
+    def walk(self) -> tuple[FloatArray, float]:
+        """Return the terms (N, J) of the walk that noise makes about an axis, radians, and the variance they leave."""
+        since = self.path.time_s - self.path.time_s[0]
+        rates = (np.arange(_WALK) + 0.5) * np.pi / since[-1]
+        size = self.density / np.sqrt(2.0) * np.sqrt(2 / since[-1])
+        terms = size * np.sin(np.outer(since, rates)) / rates
+        whole = self.density**2 / 2 * float(since.mean())
+        return terms, max(whole - float(np.mean(np.sum(terms**2, axis=1))), 0.0)
+
+
+def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[AttitudePath | None, float]:
+    """Return the attitude from both, or None where they disagree, and the recorded one's deviation from it, radians."""
+    count = len(known.path.time_s)
+    starts = np.arange(0, count, -(-count // BLOCK))  # the cost of the fit is bounded
+    walk, rest = known.walk()
+    of_walk = np.kron(_averaged(walk, starts)[:, None], np.eye(3))
+    constant = np.broadcast_to(np.eye(3), (len(starts), 3, 3))
+    size = len(known.precision)
+    precision = np.concatenate([known.precision, np.ones(of_walk.shape[2]), np.zeros(3)])
+    away = np.zeros(len(precision))
+    first = recorded[0]
+    scatter = max(error, 1e-6) ** 2
+    # The attitude is linear in the unknowns but for products of them: it settles in a few steps.
+    for _ in range(5):
+        away[:size] = known.away()
+        since, by_state = known.turned()
+        made, by_state = first * since, first.as_matrix() @ by_state
+        apart = (recorded * made.inv()).as_rotvec()
+        rows, data = np.concatenate([_averaged(by_state, starts), of_walk, constant], axis=2), _averaged(apart, starts)
+        flat = rows.reshape(-1, rows.shape[2])
+        covariance = inv(flat.T @ flat / scatter + np.diag(precision))
+        step = covariance @ (flat.T @ data.ravel() / scatter - precision * away)
+        left = data - rows @ step
+        lasting = _lasting(left)
+        taken = float(np.sum(covariance * (flat.T @ flat))) / scatter * lasting / len(flat)
+        scatter = max(float(np.mean(left**2)) * lasting / max(1.0 - taken, _LEAST_FREE), 1e-14)
+        correction = by_state @ step[:size] + walk @ step[size:-3].reshape(-1, 3) + step[-3:]
+        attitude = Rotation.from_rotvec(correction) * made
+        known = replace(known, state=known.state.moved(step[:size]))
+        first = Rotation.from_rotvec(step[-3:]) * first
+    if (
+        np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])
+    ).any():  # not the angular velocity of this array
+        return None, 0.0
+    seen = float(np.mean((recorded * attitude.inv()).as_rotvec() ** 2))
+    spread = np.einsum("nap,pq,naq->", rows, covariance, rows, optimize=True) / (3 * len(rows)) + rest
+    return AttitudePath(attitude.as_quat(), float(np.sqrt(spread))), max(error, float(np.sqrt(seen)))
+
+
+def _products(turns: Rotation) -> Rotation:
+    """Return the products (N,) of rotations from the first to each."""
+    product, reach = turns.as_quat(), 1
+    while reach < len(product):
+        product[reach:] = (Rotation.from_quat(product[:-reach]) * Rotation.from_quat(product[reach:])).as_quat()
+        reach *= 2
+    return Rotation.from_quat(product)
+
+
+def _averaged(values: FloatArray, starts: np.ndarray) -> FloatArray:
+    """Return the means of values (N, …) in blocks that begin at samples."""
+    sizes = np.diff(np.append(starts, len(values)))
+    return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes.reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def _lasting(left: FloatArray) -> float:
+    """Return the variance of sums of residuals (B, 3) over that of white ones: the autocorrelation up to its zero."""
+    from scipy.fft import irfft, rfft
+
+    count = len(left)
+    power = np.sum(np.abs(rfft(left - left.mean(axis=0), 2 * count, axis=0)) ** 2, axis=1)
+    correlation = irfft(power)[:count]
+    correlation /= correlation[0]
+    negative = np.flatnonzero(correlation <= 0.0)
+    end = int(negative[0]) if len(negative) else count
+    return max(1.0, 1.0 + 2.0 * float(np.sum(correlation[1:end])))

@@ -16,16 +16,16 @@ from numpy.linalg import norm
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.line_data import LineData
+from tam_calibration.fit.recorded_attitude import turns_between
+from tam_calibration.localization.line_data import SMOOTH_M, LineData
 from tam_calibration.localization.line_path import Basis, Path
 from tam_calibration.model.array import UNIT_TENSORS
+from tam_calibration.model.sensor_errors import CROSS
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.sources.dipole import dipole_field, field_alone, field_by_moment
 
-OF_SOURCE = 6
-
-_REGIONAL_STEP_M, _GRADIENT_STEP_M, _TURN_STEP_S = 25.0, 50.0, 1.5
-"""Distances between knots of the regional field, of its gradient, and of the turns about it."""
+_REGIONAL_STEP_M, _TURN_STEP_S = 25.0, 1.5
+"""Distances between knots of the regional field, and of the turns about it."""
 
 _BEND_T, _CHANGE_T_PER_M = 20e-9, 2e-9
 """Standard deviations of the second difference of the regional field's knots, and of the change of its gradient."""
@@ -39,9 +39,6 @@ of the path is less. A window sees its neighbours from the side alone, where the
 
 _REGIONAL, _GRADIENT = 7, 10
 """Which basis of a window is the first of the regional field, and the first of its gradient."""
-
-_CROSSING = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
-"""Matrices of the cross product with unit vectors from the left, row by row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +63,7 @@ class Window:
     path: Path
     fixed: FloatArray
     roughness: float = 1.0
-    known: FloatArray = field(default_factory=lambda: np.zeros((0, OF_SOURCE)))
+    known: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
 
     @cached_property
     def place_m(self) -> FloatArray:
@@ -91,8 +88,7 @@ class Window:
         rows = self.path.basis.matrix(times)[:, own]
         turns = Basis.over(float(times[0]), float(times[-1]), _TURN_STEP_S).matrix(times)
         regional, gradient = (
-            Basis.over(float(way.min()), float(way.max()), step).matrix(way)
-            for step in (_REGIONAL_STEP_M, _GRADIENT_STEP_M)
+            Basis.over(float(way.min()), float(way.max()), step).matrix(way) for step in (_REGIONAL_STEP_M, SMOOTH_M)
         )
         tilt = np.full((len(times), 1), error)
         return [*(rows @ root for root in roots), *[tilt] * 3, error * turns, *[regional] * 3, *[gradient] * 5]
@@ -115,7 +111,7 @@ class Window:
     def divided(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the dipoles (S, 6), and the other unknowns."""
         sources, others = np.split(unknowns, [len(unknowns) - self.nuisance_count])
-        return sources.reshape(-1, OF_SOURCE), others
+        return sources.reshape(-1, 6), others
 
     @cached_property
     def prior(self) -> FloatArray:
@@ -182,7 +178,7 @@ class Window:
             return np.asarray(uniform[:, None] + (aside[:, None] + arms) @ tensor + dipoles + added)
 
         expected, measured = self._mean(field_at(data.arms_m)), self._mean(data.fields_T)
-        total = (_shortest(turned.apply(expected), measured) * turned).inv()
+        total = (Rotation.from_rotvec(turns_between(turned.apply(expected), measured)) * turned).inv()
         arms, readings = _applied(total, data.arms_m), _applied(total, data.fields_T)
         residual = (readings - field_at(arms))[..., None]
         if not with_slopes:
@@ -253,14 +249,6 @@ def _applied(rotation: Rotation, vectors: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("nij,nkj->nki", rotation.as_matrix(), vectors))
 
 
-def _shortest(start: FloatArray, end: FloatArray) -> Rotation:
-    """Return the shortest rotations (M,) from vectors (M, 3) to the directions of others."""
-    cross = np.cross(start, end)
-    sine, cosine = norm(cross, axis=1), np.sum(start * end, axis=1)
-    angle = np.arctan2(sine, cosine)
-    return Rotation.from_rotvec(cross * (angle / np.maximum(sine, 1e-300))[:, None])
-
-
 def _crossing(vectors: FloatArray) -> FloatArray:
     """Return the matrices (…, 3, 3) of the cross product with vectors (…, 3) from the left."""
-    return np.asarray((vectors @ _CROSSING).reshape(*vectors.shape, 3))
+    return np.tensordot(vectors, CROSS, 1)

@@ -1,19 +1,45 @@
-"""From a recording to the source in it, at rest or alternating."""
+"""From a recording to the source in it, at rest or alternating.
+
+The samples of a run are located each by itself, and judged whether they are those of one source at rest in a uniform
+field. Beside a line of current the regional field of a run is found from what each sample needs of it. A current's
+field falls so slowly that no part of a run is free of it: the median of the run is far off. But of the eight outputs of
+a sample a line of current takes five unknowns, and what is left depends on the regional field u, which all samples
+share in the world. With the line of each sample eliminated a step δu is that of
+
+    Σ Aᵀ (1 - J (JᵀJ)⁻¹ Jᵀ) (A δu - r) = 0,
+
+A and J the derivatives of the whitened outputs by u and by the line, r their residuals (variable projection, Kaufman
+1975). A line of dipoles leaves nothing of the two components across it: field and tensor there are as many numbers as
+its place and moment.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
+from tam_calibration.core.noise import COSINES
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.alternating import locate_alternating
-from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.line_fit import DIPOLES_INDEX
-from tam_calibration.localization.one_source import locate_run
-from tam_calibration.localization.source_fit import SOURCES, require_index
-from tam_calibration.localization.survey import WORLD_FRAME, Survey
-from tam_calibration.localization.turned_samples import Regional, Samples, regional_of
+from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX
+from tam_calibration.localization.euler import locate as locate_by_euler
+from tam_calibration.localization.shared_source import SharedSource, fit_shared
+from tam_calibration.localization.solutions import WORLD_FRAME, EulerSolutions, Status, Survey
+from tam_calibration.localization.source_fit import (
+    SOURCES,
+    fit_outputs,
+    is_certain,
+    require_gradient,
+    require_index,
+    start_of,
+    whitening_of,
+)
+from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, regional_of, turned
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
+from tam_calibration.sources.demodulation import CHANCE
 
 
 def locate(
@@ -113,8 +139,7 @@ def locate_steady(
             "the recording has no attitude, without which the regional field cannot be taken off; of an alternating "
             "source give the frequency"
         )
-    if not calibration.array.has_gradient:
-        raise InputError("the array's geometry determines no gradient, from which sources are located")
+    require_gradient(calibration.array)
     if index != DIPOLE_INDEX and attitude_noise:
         raise Refused(
             f"a {SOURCES[index]} is located with an exact attitude alone: the regional field, turned by an "
@@ -134,3 +159,185 @@ def locate_steady(
     world, found = locate_run(samples, prior)
     center = np.zeros((recording.sample_count, 3))
     return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=found.field_T)
+
+
+_MOST_STEPS, _SMALL_STEP = 30, 1e-3
+"""Steps to the regional field, and the part of its standard errors below which one is the last."""
+
+
+_NO_LINE = "the samples are not those of a line of current beside a uniform regional field"
+
+_NONE_LOCATED = f"{_NO_LINE}: none can be located. Go nearer, or average longer"
+
+
+def regional_beside_current(samples: Samples, prior: Regional) -> Regional:
+    """Return the regional field with which the samples of a run are best explained, each by a line of current.
+
+    Parameters
+    ----------
+    samples : Samples
+        With an exact attitude.
+    prior : Regional
+        What is known of the field beforehand, with variances.
+
+    Raises
+    ------
+    Refused
+        When no sample can be located, or the steps do not settle.
+    """
+    assert prior.covariance_T2 is not None
+    error = np.sqrt(np.maximum(np.diag(prior.covariance_T2), np.diag(samples.covariance)[:3]))
+    field_T = prior.field_T
+    for _ in range(_MOST_STEPS):
+        residuals, by_field = _left(samples, field_T)
+        slopes = by_field * error
+        normal = np.einsum("nij,nik->jk", slopes, slopes) + np.eye(3)
+        away = np.einsum("nij,ni->j", slopes, residuals) + (prior.field_T - field_T) / error
+        step = np.linalg.solve(normal, away)
+        field_T = field_T + error * step
+        if step @ normal @ step < _SMALL_STEP**2:
+            return replace(prior, field_T=field_T, covariance_T2=np.linalg.inv(normal) * np.outer(error, error))
+    raise Refused(f"{_NO_LINE}: the steps to the regional field do not settle")
+
+
+def _left(samples: Samples, field_T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what lines leave of n samples (n, 8), whitened, and its derivatives (n, 8, 3) by the regional field."""
+    source, covariance = samples.outputs[:, :8].copy(), samples.covariance[:8, :8]
+    back = np.swapaxes(samples.rotation, 1, 2)
+    source[:, :3] -= back @ field_T
+    euler = locate_by_euler(source, covariance, index=CURRENT_INDEX)
+    at = np.flatnonzero(euler.is_located)
+    if not len(at):
+        raise Refused(_NONE_LOCATED)
+    start = start_of(euler, source, CURRENT_INDEX)
+    fit = fit_outputs(source[at], samples.array, covariance, start[at], CURRENT_INDEX)
+    is_kept = fit.solution.is_found & is_certain(fit.solution.unknowns, fit.solution.covariance)
+    if not is_kept.any():
+        raise Refused(_NONE_LOCATED)
+    by_field = whitening_of(covariance)[:, :3] @ back[at[is_kept]]
+    basis = np.linalg.qr(fit.slopes[is_kept])[0]
+    return fit.residuals[is_kept], by_field - basis @ (np.swapaxes(basis, 1, 2) @ by_field)
+
+
+_FEWEST_LOCATED = 10
+"""Samples of a run: of fewer, what is left does not tell a second source that moves them by ten standard errors."""
+
+_MOST_SHARED = 200
+"""Samples that tell what is shared: of thousands the errors of second order, alike in all places that are uncertain by
+up to a fifth, would be more than noise."""
+
+_MOST_ROUNDS, _SETTLED = 10, 0.1
+"""Times that a run is located, and standard errors by which the regional field may move after the last one: a field
+that is off by hundreds of times the noise needs six; more, and a smaller move, change nothing."""
+
+_MEND = (
+    "Take a longer stretch about one source, or of dipoles give the velocity of a straight track, along which several "
+    "of them and a gradient of the field are found"
+)
+
+
+def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regional]:
+    """Locate the source of each sample of a run beside the regional field that all of them need.
+
+    The samples that are located beside the field as it is known tell it better, with which more are located, until it
+    stays. What one source then leaves of all samples is tested.
+
+    Parameters
+    ----------
+    samples : Samples
+        With an attitude.
+    prior : Regional
+        What is known of the field beside the source.
+
+    Returns
+    -------
+    solutions : EulerSolutions
+        Along the axes of the world, counted from the array.
+    regional : Regional
+        The field beside them.
+
+    Raises
+    ------
+    Refused
+        When all samples together leave more than noise beside one source and a uniform regional field, or too few are
+        located to tell.
+    """
+    assert samples.attitude is not None
+    regional, part = prior, np.zeros(0, dtype=int)
+    if samples.index == CURRENT_INDEX and prior.covariance_T2 is not None:
+        regional = regional_beside_current(samples, prior)
+    for number in range(_MOST_ROUNDS):
+        world = turned(locate_each(samples, regional), samples.attitude, prior.attitude_noise)
+        at = np.flatnonzero(world.is_located)
+        if not len(at) and not number:
+            return world, regional
+        if number and len(at) < _FEWEST_LOCATED:  # even with the field that the first ones determine
+            break
+        part = _part_of(at, part)
+        shared = fit_shared(samples.take(part), world.take(part), regional, prior)
+        is_settled, regional = _is_near(regional, shared.regional), shared.regional
+        if is_settled and shared.solution.is_found[0]:
+            break
+    else:
+        raise Refused(f"{_not_of_one(samples.index)}: no source explains all of them. {_MEND}")
+    if len(at) < _FEWEST_LOCATED:
+        raise Refused(
+            f"only {len(at)} samples are located, too few to tell one source from several: {_FEWEST_LOCATED} are "
+            f"needed. {_MEND}"
+        )
+    _require_noise(shared, samples.index)
+    if len(part) < len(at):
+        shared = fit_shared(samples.take(at), world.take(at), regional, prior)
+    world.status[at[_is_apart(world.take(at), shared)]] = Status.APART
+    return world.tested(samples.freedom), regional
+
+
+def _part_of(at: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return the samples (n,) that tell what is shared: those of before, as long as half are located, or others."""
+    if len(at) <= _MOST_SHARED:
+        return at
+    kept: np.ndarray = np.intersect1d(before, at)
+    if len(kept) >= _MOST_SHARED // 2:
+        return kept
+    return np.asarray(at[np.linspace(0, len(at) - 1, _MOST_SHARED).round().astype(int)])
+
+
+def _is_near(before: Regional, after: Regional) -> bool:
+    """Return whether a regional field hardly moved, in units of its standard errors."""
+    if after.covariance_T2 is None:
+        return True
+    errors = np.sqrt(np.diag(after.covariance_T2))
+    return bool((np.abs(after.field_T - before.field_T) <= _SETTLED * errors).all())
+
+
+def _require_noise(shared: SharedSource, index: float) -> None:
+    """Refuse what one source leaves of a run if it is more than noise, in all or where it is slow."""
+    from scipy.fft import dct
+    from scipy.special import chdtrc
+
+    energy = np.sum(dct(shared.residuals, axis=0, norm="ortho") ** 2, axis=1)
+    waves = dct(shared.slopes, axis=0, norm="ortho")
+    taken = np.einsum("ndp,pq,ndq->n", waves, shared.solution.covariance[0], waves, optimize=True)
+    # Bands of cosines: the slowest, and then each as many times wider.
+    edges = [0, *(COSINES**power for power in range(1, 20) if COSINES**power < len(energy))]
+    for low, high in pairwise([*edges, len(energy)]):
+        left, own = float(energy[low:high].sum()), float((shared.freedom - taken)[low:high].sum())
+        if chdtrc(own, left) * len(edges) < CHANCE:
+            raise Refused(
+                f"{_not_of_one(index)}: what is left is {np.sqrt(left / own):.3g} times the noise, where it is "
+                f"{'slow' if low == 0 else 'fast'}. {_MEND}"
+            )
+
+
+def _not_of_one(index: float) -> str:
+    return f"the samples are not those of one {SOURCES[index]} at rest beside a uniform regional field"
+
+
+def _is_apart(own: EulerSolutions, shared: SharedSource) -> np.ndarray:
+    """Return which samples by themselves are elsewhere than all together have them: they have several solutions."""
+    from scipy.special import chdtri
+
+    off = (own.position_m - shared.position_m) @ shared.across
+    spread = shared.across.T @ own.position_covariance_m2 @ shared.across
+    size = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])
+    return np.asarray(size > chdtri(off.shape[1], CHANCE))

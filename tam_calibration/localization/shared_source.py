@@ -18,19 +18,18 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Predict, Solution, root_of, solve_damped
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.line_fit import Lines
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.localization.source_fit import Dipoles, elements_of, whitening_of
+from tam_calibration.localization.source_fit import (
+    SMALLEST_STEP,
+    Dipoles,
+    Lines,
+    elements_of,
+    hardly_moves,
+    whitening_of,
+)
 from tam_calibration.localization.turned_samples import Regional, Samples, less_turned
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
-
-_SMALLEST_PLACE, _SMALLEST_SHARED = 1e-9, 1e-6
-"""Parts of the places, and of what is shared, below which a step is the last: far below their standard errors."""
-
-_MOST_STEPS = 15
-"""To the place of a sample, which begins near by: one that needs more has none beside what is tried as shared. From 10
-to 60 what is found is the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +122,9 @@ class _Run:
         return np.concatenate([self.data.ravel(), self.expected])[None]
 
     def is_small(self, unknowns: FloatArray, step: FloatArray) -> np.ndarray:
-        """Return whether a step (1, P) hardly changes the source."""
+        """Return whether a step (1, P) hardly changes the source, as far as places that hardly move can tell."""
         count = len(self.shared)
-        return np.array([norm(step[0, :count]) <= _SMALLEST_SHARED * norm(unknowns[0, :count])])
+        return np.array([norm(step[0, :count]) <= np.sqrt(SMALLEST_STEP) * norm(unknowns[0, :count])])
 
     def places(self, unknowns: FloatArray) -> FloatArray:
         """Return the places (N, L) that explain most beside what is shared (P,)."""
@@ -136,11 +135,8 @@ class _Run:
             predicted, slopes = self.own(np.concatenate([places, rest[at]], axis=1), at)
             return predicted, slopes[..., : places.shape[1]]
 
-        def is_small(places: FloatArray, step: FloatArray) -> np.ndarray:
-            return np.asarray(norm(step, axis=1) <= _SMALLEST_PLACE * norm(places, axis=1))
-
         data = self.data - self.by_field @ field
-        return solve_damped(predict, data, self.near, is_small, _MOST_STEPS).unknowns
+        return solve_damped(predict, data, self.near, hardly_moves).unknowns
 
     def predict(self, unknowns: FloatArray, _: np.ndarray) -> tuple[FloatArray, FloatArray]:
         """Return the data (1, 8 N + Q) of what is shared (1, P), and the derivatives without those by the places."""

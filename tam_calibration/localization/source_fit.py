@@ -1,9 +1,20 @@
-"""The sources that fit what an array reads, by least squares, many problems side by side.
+"""The sources that fit what an array reads, by least squares, many problems side by side: dipoles and lines.
 
 The tensor of an array is a slope over its baselines, and what an array of length L reads r away from a dipole is not
 the tensor at its centre: it differs by about (L/r)². The outputs, fitted with what the array makes of the fields at
 its sensors, give the source without that error. The derivatives are analytic: the field's by the position of a dipole
 is minus its gradient.
+
+A line goes through q along T. With w from q to a sensor and c = T × w a current has the field s h(c), h(c) = c/|c|²,
+and a line of dipoles, which is a current less another one beside it, h'(c) (T × m), m across the line. The axes are
+those of each sample's start: T = (c₁, c₂, 1) and q = (q₁, q₂, 0), with T along the third axis and q the nearest point
+to the array's centre to begin with. So a current has five unknowns and a line of dipoles six, of the eight outputs; the
+tensor always shows the line's direction, in which alone the field does not change.
+
+Errors of the calibration and of the sensors' places count too. A corrected reading is b̂ = M̂⁻¹ (y - ô). With errors dM
+and do of matrix and bias it is b - M⁻¹ (dM b + do) to first order: linear in the parameters, whose covariance the
+calibration has. So a few unknowns of standard deviation one say all that may be wrong with the readings of a recording,
+at most as many as there are parameters.
 """
 
 from dataclasses import dataclass
@@ -12,14 +23,256 @@ from functools import partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import scaled, solution_at, solve_damped
-from tam_calibration.localization.euler import DIPOLE_INDEX, locate
-from tam_calibration.localization.line_fit import CURRENT_INDEX, DIPOLES_INDEX, OutputFit, directions_of, fit_lines
+from tam_calibration.core.least_squares import Solution, root_of, scaled, solution_at, solve_damped
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.recorded_attitude import across_of
+from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX, locate
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
-from tam_calibration.model.array import Array
+from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field, field_by_moment
+
+_SMALLEST = 1e-3
+"""Effect on all readings, over the stated noise, below which an error is left out: beside a noise that is 30 times
+smaller it adds a thousandth to χ²."""
+
+PLACE_ERROR_M = 1e-3
+"""Standard deviation of each coordinate of a sensor's place, metres, where readings show that places are not exact: of
+a frame that was measured with a rule."""
+
+
+def places_of(tensors: FloatArray, sensor_count: int) -> FloatArray:
+    """Return the derivatives (N, 3 K, 3 K) of readings by the places of the sensors, T/m.
+
+    Parameters
+    ----------
+    tensors : (N, 3, 3) array
+        Gradient at each sample, T/m, taken as the same at all sensors.
+    sensor_count : int
+        K.
+    """
+    places = np.einsum("kl,nij->nkilj", np.eye(sensor_count), tensors)
+    return np.asarray(places.reshape(len(tensors), 3 * sensor_count, 3 * sensor_count))
+
+
+def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating: bool = False) -> FloatArray:
+    """Return the derivatives (N, 3 K, Q) of corrected readings by errors of the calibration, tesla.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With a covariance; without one there are no errors.
+    fields_T : (N, K, 3) array
+        Corrected readings, array frame, tesla.
+    is_alternating : bool
+        Whether they are amplitudes, which a bias does not change.
+
+    Returns
+    -------
+    (N, 3 K, Q) array
+        For Q independent errors of mean zero and standard deviation one, Q at most 12 K.
+    """
+    shape = (len(fields_T), 3 * calibration.errors.sensor_count)
+    if calibration.covariance is None:
+        return np.zeros((*shape, 0))
+    full = np.pad(fields_T, ((0, 0), (0, 0), (0, 1)), constant_values=0.0 if is_alternating else 1.0)
+    by_parameter = -calibration.errors.inverse[:, None] @ np.moveaxis(calibration.errors.jacobian(), 2, 1)
+    root = root_of(calibration.covariance).reshape(calibration.errors.sensor_count, 12, -1)
+    errors = np.einsum("nkd,kdip,kpq->nkiq", full, by_parameter, root, optimize=True).reshape(*shape, -1)
+    seen = errors / np.repeat(calibration.array.vector_noise_T, 3)[:, None]
+    squares, vectors = np.linalg.eigh(np.einsum("njp,njq->pq", seen, seen, optimize=True))
+    return np.asarray(errors @ vectors[:, squares > _SMALLEST**2])
+
+
+SMALLEST_STEP = 1e-11
+"""Part of a distance, of radians and of a strength below which a step is the last."""
+
+_ACROSS = np.eye(3)[:2]
+
+
+@dataclass(frozen=True, eq=False)
+class OutputFit:
+    """Sources that were fitted to the outputs of N samples, each by itself.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of each sample.
+    field_T : (N, 3) array
+        Of the sources at the array's centre, tesla.
+    residuals : (N, 8) array
+        Whitened.
+    slopes : (N, 8, P) array
+        Derivatives of the whitened outputs by what was fitted.
+    """
+
+    solution: Solution
+    field_T: FloatArray
+    residuals: FloatArray
+    slopes: FloatArray
+
+
+def unknowns_of(index: float) -> int:
+    """Return how many numbers a source of a structural index has."""
+    return 5 if index == CURRENT_INDEX else 6
+
+
+def directions_of(outputs: FloatArray) -> FloatArray:
+    """Return the unit vectors (N, 3) along which the tensors of outputs (N, 8) or (N, 9) change the field least."""
+    values, vectors = np.linalg.eigh(tensors_of(outputs))
+    least = np.abs(values).argmin(axis=1)
+    return np.take_along_axis(vectors, least[:, None, None], axis=2)[..., 0]
+
+
+def fit_lines(
+    data: FloatArray, points_m: FloatArray, weights: FloatArray, start: FloatArray, index: float
+) -> OutputFit:
+    """Return the lines that fit whitened outputs, each sample a problem of its own.
+
+    Parameters
+    ----------
+    data : (N, 8) array
+        Whitened outputs.
+    points_m : (P, 3) array
+        Where the field is read, array frame, metres.
+    weights : (N, 8, 3 P) array
+        From the stacked fields there to the whitened outputs.
+    start : (N, 6) array
+        A place on each line [m], and a vector along it.
+    index : float
+        1 of a line of current, 2 of a line of dipoles.
+
+    Returns
+    -------
+    OutputFit
+        Unknowns (N, 6) are the point of each line that is nearest to the origin, metres, and the unit vector along it.
+    """
+    lines = Lines.of(points_m, weights, start, index)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
+        own = solve_damped(lines.predict, data, lines.start(data, start), _is_last_step)
+        unknowns, slopes = _nearest(own.unknowns)
+        turn = np.kron(np.eye(2), lines.axes)
+        slopes = turn @ slopes
+        covariance = slopes @ own.covariance[:, :4, :4] @ np.swapaxes(slopes, 1, 2)
+        solution = Solution((turn @ unknowns[..., None])[..., 0], covariance, own.chi_square, own.is_found)
+        field = _field(np.zeros((len(data), 1, 3)), own.unknowns, index)[0].swapaxes(1, 2)
+        predicted, derivative = lines.predict(own.unknowns, np.arange(len(data)))
+    return OutputFit(solution, (lines.axes @ field)[..., 0], data - predicted, derivative)
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Axes (N, 3, 3) of each sample in the array frame, as columns, and what is read along them.
+
+    The third axis is nearly along the line. ``points_m`` (N, P, 3) and ``weights`` (N, 8, 3 P) are along them too.
+    """
+
+    axes: FloatArray
+    points_m: FloatArray
+    weights: FloatArray
+    index: float
+
+    @classmethod
+    def of(cls, points_m: FloatArray, weights: FloatArray, start: FloatArray, index: float) -> "Lines":
+        """Return what is read along the axes of each line to begin with (N, 6)."""
+        along = start[:, 3:] / norm(start[:, 3:], axis=1, keepdims=True)
+        axes = np.concatenate([across_of(along), along[:, None]], axis=1)
+        return cls.seen_along(np.swapaxes(axes, 1, 2), points_m, weights, index)
+
+    @classmethod
+    def seen_along(cls, axes: FloatArray, points_m: FloatArray, weights: FloatArray, index: float) -> "Lines":
+        """Return what an array with points (P, 3) and weights (N, 8, 3 P) in its own frame reads along some axes."""
+        by_sensor = weights.reshape(*weights.shape[:2], -1, 3) @ axes[:, None]
+        return cls(axes, points_m @ axes, by_sensor.reshape(weights.shape), index)
+
+    def start(self, data: FloatArray, start: FloatArray) -> FloatArray:
+        """Return unknowns (N, 5 or 6) whose strengths are found by linear least squares."""
+        across = (np.swapaxes(self.axes, 1, 2) @ start[:, :3, None])[:, :2, 0]
+        count = 1 if self.index == CURRENT_INDEX else 2
+        tried = np.concatenate([across, np.zeros((len(data), 2)), np.ones((len(data), count))], axis=1)
+        slopes = self.predict(tried, np.arange(len(data)))[1][..., 4:]
+        scale = norm(slopes, axis=1)
+        tried[:, 4:] = (np.linalg.pinv(slopes / scale[:, None]) @ data[..., None])[..., 0] / scale
+        return tried
+
+    def predict(self, unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        """Return the whitened outputs (n, 8) of some samples, and their derivatives by the unknowns."""
+        field, slopes = _field(self.points_m[at], unknowns, self.index)
+        weights, count = self.weights[at], len(at)
+        data = (weights @ field.reshape(count, -1, 1))[..., 0]
+        return data, weights @ slopes.reshape(count, -1, slopes.shape[-1])
+
+
+def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[FloatArray, FloatArray]:
+    """Return fields (n, P, 3) at points (n, P, 3), and their derivatives (n, P, 3, 5 or 6) by the unknowns."""
+    place, along = _place_and_along(unknowns)
+    offset, along, strength = points_m - place[:, None], along[:, None], unknowns[:, None, 4:, None]
+    across = np.cross(along, offset)
+    moved = [np.broadcast_to(np.cross(along, axis), across.shape) for axis in _ACROSS]
+    tilted = [np.cross(axis, offset) for axis in _ACROSS]
+    if index == CURRENT_INDEX:
+        slopes = [strength[:, :, 0] * _slope(across, change) for change in [*(-each for each in moved), *tilted]]
+        unit = across / _dot(across, across)
+        return strength[:, :, 0] * unit, np.stack([*slopes, unit], axis=-1)
+    moment = np.concatenate([strength[..., 0], np.zeros((len(unknowns), 1, 1))], axis=2)
+    shift = np.cross(along, moment)
+    by_place = [-_bend(across, shift, each) for each in moved]
+    by_along = [
+        _bend(across, shift, change) + _slope(across, np.cross(axis, moment))
+        for change, axis in zip(tilted, _ACROSS, strict=True)
+    ]
+    by_moment = [_slope(across, each) for each in moved]
+    return _slope(across, shift), np.stack([*by_place, *by_along, *by_moment], axis=-1)
+
+
+def _place_and_along(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a point q (n, 3) of each line, and the vector T (n, 3) along it."""
+    none = np.zeros((len(unknowns), 1))
+    return np.concatenate([unknowns[:, :2], none], axis=1), np.concatenate([unknowns[:, 2:4], none + 1.0], axis=1)
+
+
+def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray(np.sum(one * other, axis=-1, keepdims=True))
+
+
+def _slope(vectors: FloatArray, change: FloatArray) -> FloatArray:
+    """Return h'(c) u: the derivative of h along a change (…, 3)."""
+    square = _dot(vectors, vectors)
+    return (change - 2 * vectors * _dot(vectors, change) / square) / square
+
+
+def _bend(vectors: FloatArray, one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return h''(c) u v: the second derivative of h along two changes (…, 3)."""
+    square, by_one, by_other = _dot(vectors, vectors), _dot(vectors, one), _dot(vectors, other)
+    along = vectors * (_dot(one, other) - 4 * by_one * by_other / square)
+    return -2 * (one * by_other + other * by_one + along) / square**2
+
+
+def _nearest(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the nearest points and directions (N, 6) of lines, and their derivatives (N, 6, 4)."""
+    place, along = _place_and_along(unknowns)
+    length = norm(along, axis=1, keepdims=True)
+    unit = along / length
+    part = _dot(place, unit)
+    across = np.eye(3) - unit[:, :, None] * unit[:, None, :]
+    by_unit = -(unit[:, :, None] * place[:, None, :] + part[..., None] * np.eye(3))
+    turned = across / length[..., None]
+    by_place = np.concatenate([across, by_unit @ turned], axis=2)
+    by_along = np.concatenate([np.zeros_like(turned), turned], axis=2)
+    slopes = np.concatenate([by_place, by_along], axis=1)[..., [0, 1, 3, 4]]
+    return np.concatenate([place - part * unit, unit], axis=1), slopes
+
+
+def _is_last_step(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
+    """Return whether steps (N, 5 or 6) hardly change places, directions and strengths."""
+    across, along, strength = (norm(each, axis=1) for each in np.split(step, (2, 4), axis=1))
+    return np.asarray(
+        (across <= SMALLEST_STEP * norm(unknowns[:, :2], axis=1))
+        & (along <= SMALLEST_STEP)
+        & (strength <= SMALLEST_STEP * norm(unknowns[:, 4:], axis=1))
+    )
+
 
 SOURCES = {CURRENT_INDEX: "line of current", DIPOLES_INDEX: "line of dipoles", DIPOLE_INDEX: "dipole"}
 """Of each structural index."""
@@ -77,9 +330,9 @@ class Dipoles:
         return predicted, by_place - by_moment @ (inverse @ by_place)
 
 
-def _is_small(places_m: FloatArray, step: FloatArray) -> np.ndarray:
-    """Return whether steps (N, 3) hardly change places."""
-    return np.asarray(norm(step, axis=1) <= 1e-11 * norm(places_m, axis=1))
+def hardly_moves(places_m: FloatArray, step: FloatArray) -> np.ndarray:
+    """Return whether steps (N, D) hardly change places (N, D)."""
+    return np.asarray(norm(step, axis=1) <= SMALLEST_STEP * norm(places_m, axis=1))
 
 
 def fit_fields(
@@ -124,7 +377,7 @@ def fit_fields(
         return fit_lines(data, points_m, weights, start, index)
     dipoles, all_of_them = Dipoles(points_m, weights), np.arange(len(values))
     with np.errstate(over="ignore", invalid="ignore"):  # what a step leads far away makes no field there
-        places = solve_damped(partial(dipoles.predict_projected, data), data, start[:, :3], _is_small)
+        places = solve_damped(partial(dipoles.predict_projected, data), data, start[:, :3], hardly_moves)
         unknowns = dipoles.with_moments(data, places.unknowns, all_of_them)[0]
         solution = solution_at(dipoles.predict, data, unknowns, places.is_found)
         field_T = dipole_field(-unknowns[:, :3], unknowns[:, 3:])[0]
@@ -224,6 +477,18 @@ def require_index(index: float) -> None:
             "the structural index must be 3 of a dipole, 2 of a line of dipoles or 1 of a line of current, not "
             f"{index:g}"
         )
+
+
+def require_gradient(array: Array) -> None:
+    """Refuse an array whose geometry determines no gradient.
+
+    Raises
+    ------
+    InputError
+        When it is such an array.
+    """
+    if not array.has_gradient:
+        raise InputError("the array's geometry determines no gradient, from which sources are located")
 
 
 def locate_with_baselines(

@@ -18,21 +18,27 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M, places_of
+from tam_calibration.core.noise import noise_deviation
+from tam_calibration.fit.contradiction import PLAUSIBLE
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
-from tam_calibration.localization.line_fit import unknowns_of
 from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.source_fit import fit_outputs, is_certain, locate_with_baselines, start_of
+from tam_calibration.localization.source_fit import (
+    PLACE_ERROR_M,
+    fit_outputs,
+    is_certain,
+    locate_with_baselines,
+    places_of,
+    start_of,
+    unknowns_of,
+)
 from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.units import FloatArray
 
 _TENTHS = 10
 """Parts of a run whose medians tell how certain the regional field is."""
-
-_TO_DEVIATION = 1.4826
-"""Standard deviation of normal numbers over their median absolute deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +133,7 @@ def regional_of(outputs: FloatArray, attitude: FloatArray, attitude_noise: float
     # Errors of the attitude shorten the median of each component by half of what they shorten its mean.
     field = np.median(world, axis=0) / (1 - attitude_noise**2 / 2)
     tenths = np.array([np.median(part, axis=0) for part in np.array_split(world, _TENTHS) if len(part)])
-    spread = _TO_DEVIATION * np.median(np.abs(tenths - np.median(tenths, axis=0)), axis=0)
+    spread = noise_deviation(tenths - np.median(tenths, axis=0), axis=0)
     return Regional(field, attitude_noise, np.diag(spread**2))
 
 
@@ -223,10 +229,7 @@ def _unless_unknown(solutions: EulerSolutions, rotation: FloatArray) -> EulerSol
     return replace(solutions, status=status)
 
 
-_ANGLES = np.pi / 4 * np.arange(8)
-_SHIFTS = np.array(
-    [[0, 0], *np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) * np.where(np.arange(8) % 2, 2.5, 1.0)[:, None]]
-)
+_SHIFTS = np.array([0, *np.exp(1j * np.pi / 4 * np.arange(8)) * np.tile([1.0, 2.5], 4)]).view(float).reshape(-1, 2)
 """What the regional field may be off by along its two least certain directions, from which fits begin, in units of its
 standard errors there."""
 
@@ -234,17 +237,11 @@ _LEAST_FIELD, _SURE_FIELD = 5.0, 50.0
 """Field of a dipole over the largest standard error of the field beside it: below the least, that error is guessed, and
 the dipole with it; above the sure one there is one solution."""
 
-_ROUNDS = 3
-"""Fits of each where the attitude is not exact, after the first with the turned field that the fit before leaves."""
-
 _FARTHEST_M = 1e4
 """Beyond, what a fit has run away to is no place."""
 
-_LARGEST_TURN = 0.5
-"""Radians: no error of the attitude is as large, and what a wild fit leaves of the field was not made by one."""
-
-_AS_GOOD = 6.0
-"""χ² by which another dipole may be worse and still explain the sample: its likelihood is then a twentieth."""
+_ROUNDS = 3
+"""Fits of each where the attitude is not exact, after the first with the turned field that the fit before leaves."""
 
 
 def less_turned(
@@ -353,7 +350,8 @@ class _Beside:
         covariance, least = solution.covariance.reshape(*shape, 6, 6)[at], chi_square[at]
         apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
         is_other = apart > np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
-        is_ambiguous = (is_other & (chi_square < least + _AS_GOOD)).any(axis=0)
+        # Another dipole explains the sample as long as its likelihood is not much less.
+        is_ambiguous = (is_other & (chi_square < least - 2 * np.log(PLAUSIBLE))).any(axis=0)
         own = field_T.reshape(*shape, 3)[at]
         return _Found(unknowns[at], covariance, least, np.isfinite(least), own, is_ambiguous)
 
@@ -370,6 +368,7 @@ class _Beside:
             start = np.where(is_near[:, None], fit.solution.unknowns, start)
             source_T = np.where(is_near[:, None], fit.field_T, source_T)
             left = self.outputs[:, :3] - source_T
-            is_turn = norm(left - self.field_T, axis=1) < _LARGEST_TURN * norm(self.field_T, axis=1)
+            # What a wild fit leaves of the field was not made by an error of the attitude.
+            is_turn = norm(left - self.field_T, axis=1) < ATTITUDE_NOISE.most * norm(self.field_T, axis=1)
             turned_T = np.where(is_turn[:, None], left, self.field_T)
         return replace(fit.solution, is_found=is_near), source_T

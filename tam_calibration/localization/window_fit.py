@@ -11,7 +11,7 @@ from tam_calibration.core.least_squares import scaled
 from tam_calibration.localization.line_window import Window
 from tam_calibration.model.units import FloatArray
 
-_MOST_STEPS, ROUGH_STEPS = 25, 8
+_MOST_STEPS, ROUGH_STEPS = 100, 8
 """Steps of a fit, and of one with a larger noise."""
 
 LEAST_FALL, ROUGH_FALL = 0.02, 1.0
@@ -26,8 +26,8 @@ _LONGEST = 0.5
 _PART = 0.1
 """Part of a step ahead at which the second derivative is measured."""
 
-_UNCOVERED = 2.0
-"""Mean squared residual, over a noise, from which that noise does not cover what is left."""
+UNCOVERED = 2.0
+"""Mean squared residual, over a noise, from which that noise does not cover what is left: something is missing."""
 
 _MOST_STALLED = 3
 """Such steps in a row that end a fit, where damping has become large."""
@@ -104,7 +104,7 @@ def annealed(window: Window, start: FloatArray) -> Solved:
         rough = replace(window, data=replace(window.data, noise_T=factor * window.data.noise_T))
         solved = solve(rough, start, ROUGH_STEPS, ROUGH_FALL)
         start = solved.unknowns
-        if np.mean(solved.residual**2) > _UNCOVERED:
+        if np.mean(solved.residual**2) > UNCOVERED:
             return solve(window, start, 1)
     return solve(window, start, least_fall=ROUGH_FALL)
 
@@ -156,8 +156,7 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
         if not _can_be(window, tried):
             return np.inf
         off, residual = tried - expected, window.linearized(tried, False)[0]
-        total = float(np.sum(residual**2) + off @ precision @ off)
-        return total if np.isfinite(total) else np.inf
+        return float(np.sum(residual**2) + off @ precision @ off)
 
     lowest, stalled = cost(unknowns), 0
     free = np.arange(len(start))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.messages.point_cloud import is_channel
-from tam_calibration.model.exceptions import TIMES, InputError, first_at
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, first_at
 from tam_calibration.model.units import FloatArray
 
 REASONS = ("there", "NaN or blank", "zero on all axes", "sentinels", "far outside the range of the others")
@@ -142,7 +142,7 @@ class Missing:
             index, key = np.flatnonzero(codes == code), (stream, code)
             self.counts[key] += len(index)
             if time_s is not None:
-                self._times_s[key] += time_s[index[: TIMES - len(self._times_s[key])]].tolist()
+                self._times_s[key] += time_s[index[: MOST_NAMED - len(self._times_s[key])]].tolist()
 
     def of(self, stream: str) -> int:
         """Return how many readings of a stream are missing."""

@@ -13,11 +13,19 @@ from numpy.typing import NDArray
 
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.array import OUTPUT_NAMES
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS, reading_columns
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import is_further, require_further, topic_of
 from tam_calibration.model.limits import LARGEST, SHORTEST_ATTITUDE, largest_of
-from tam_calibration.model.recording import CHANNELS, Recording
+from tam_calibration.model.recording import (
+    ATTITUDE_COLUMNS,
+    CHANNELS,
+    POSITION_COLUMNS,
+    RATE_COLUMNS,
+    Recording,
+    is_further,
+    reading_columns,
+    require_further,
+    topic_of,
+)
 from tam_calibration.model.units import FloatArray
 
 FRAME_ID = "tam_array"

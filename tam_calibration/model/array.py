@@ -7,11 +7,10 @@ import numpy as np
 
 from tam_calibration.model.data_sheet import ChangeRates, Gyroscope, Tolerances
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import require_further
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import ATTITUDE_NOISE, BASELINE, DELAY, LENGTH, MOUNTING_ERROR, NOISE
 from tam_calibration.model.mounting import NOT_TURNED, Mounting
-from tam_calibration.model.recording import SampleSource, require_sensor_count
+from tam_calibration.model.recording import SampleSource, require_further, require_sensor_count
 from tam_calibration.model.units import FloatArray
 
 OUTPUT_NAMES = ("bx", "by", "bz", "gxx", "gxy", "gxz", "gyy", "gyz", "gzz")
@@ -23,10 +22,16 @@ TENSOR_OUTPUTS = (3, 4, 5, 6, 7)
 TENSOR_ROWS, TENSOR_COLUMNS = np.array([[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]])
 """Row and column of these components in the tensor."""
 
-UNIT_TENSORS = np.zeros((5, 3, 3))
+
+def _unit_tensors() -> FloatArray:
+    tensors = np.zeros((5, 3, 3))
+    tensors[range(5), TENSOR_ROWS, TENSOR_COLUMNS] = tensors[range(5), TENSOR_COLUMNS, TENSOR_ROWS] = 1
+    tensors[(0, 3), 2, 2] = -1
+    return tensors
+
+
+UNIT_TENSORS = _unit_tensors()
 """(5, 3, 3) symmetric, trace-free tensors in which one of xx, xy, xz, yy, yz is 1."""
-UNIT_TENSORS[range(5), TENSOR_ROWS, TENSOR_COLUMNS] = UNIT_TENSORS[range(5), TENSOR_COLUMNS, TENSOR_ROWS] = 1
-UNIT_TENSORS[(0, 3), 2, 2] = -1
 
 
 def tensors_of(outputs: FloatArray) -> FloatArray:
@@ -75,7 +80,7 @@ class Array:
         Standard deviation of the rotation of the attitude's frame against the array's about each axis, radians. None
         means that the rotation is unknown.
     further_channels : tuple of str
-        Currents and actuators, in addition to ``current_A``, that the nodes listen to; see ``further_channels``.
+        Currents and actuators, in addition to ``current_A``, that the nodes listen to; see ``require_further``.
     tolerances : Tolerances, optional
         How large the errors of new sensors may be; None if nothing is known before a fit.
     gyroscope : Gyroscope, optional

@@ -77,7 +77,7 @@ class ChangeRates:
         return np.repeat(by_day**2 * abs(elapsed_s) / DAY_S + (by_kelvin * warming_K) ** 2, 3)
 
 
-_LARGEST_TOLERANCES = {
+LARGEST_TOLERANCES = {
     "scale_factor": 0.2,
     "non_orthogonality": from_degrees(15.0),
     "bias_T": 2e-3,
@@ -116,7 +116,7 @@ class Tolerances:
     def __post_init__(self) -> None:
         """Check the values."""
         for each in fields(self):
-            value, largest = getattr(self, each.name), _LARGEST_TOLERANCES[each.name]
+            value, largest = getattr(self, each.name), LARGEST_TOLERANCES[each.name]
             if not 0 < value <= largest:
                 raise InputError(
                     f"the tolerance of {each.name} is {value:g}, and lies above 0 and within {largest:g} (SI): check "

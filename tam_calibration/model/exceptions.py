@@ -1,7 +1,7 @@
 """The two ways in which a user's request can end without a result, and how sentences name what they are about."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from reprlib import Repr
 from typing import Any
 from unicodedata import category
@@ -48,13 +48,14 @@ _REPR = Repr()
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = MOST_QUOTED
 
 
-TIMES = 3
-"""Times that a sentence names."""
+MOST_NAMED = 3
+"""Times, faults or parameters that a sentence names: one cause, such as a dead converter, shows in the three axes of a
+sensor."""
 
 
 def first_at(times_s: Sequence[float]) -> str:
     """Return the first of some times, seconds, in words."""
-    return f"first at {', '.join(f'{time_s:.2f}' for time_s in times_s[:TIMES])} s"
+    return f"first at {', '.join(f'{time_s:.2f}' for time_s in times_s[:MOST_NAMED])} s"
 
 
 def quoted(value: Any) -> str:
@@ -79,3 +80,29 @@ def printable(text: object, keep: str = "") -> str:
     return "".join(
         json.dumps(each)[1:-1] if category(each) in _UNPRINTABLE and each not in keep else each for each in str(text)
     )
+
+
+def numbered(sensors: Iterable[int]) -> str:
+    """Return the numbers of sensors: "sensor 2", or "sensors 1, 2 and 4"."""
+    *some, last = map(str, sensors)
+    return f"sensors {', '.join(some)} and {last}" if some else f"sensor {last}"
+
+
+def sensors_in_words(sensors: Sequence[int | str], count: int = 0, axes: Sequence[str] = ()) -> str:
+    """Return a place in words: "sensor 2, axis x", "all sensors and the scalar"; "nowhere" where it is empty.
+
+    Parameters
+    ----------
+    sensors : sequence of int or str
+        Numbers from 1, and words such as "scalar".
+    count : int
+        Number of sensors of the array: all of them are not named one by one.
+    axes : sequence of str
+        "x", "y", "z"; named where they are not all three.
+    """
+    numbers = [one for one in sensors if isinstance(one, int)]
+    others = [f"the {one}" for one in sensors if isinstance(one, str)]
+    named = "all sensors" if len(numbers) == count > 1 else numbered(numbers) if numbers else ""
+    if numbers and 0 < len(axes) < 3:
+        named += f", ax{'e' if len(axes) > 1 else 'i'}s {' and '.join(axes)}"
+    return " and ".join(filter(None, [named, *others])) or "nowhere"

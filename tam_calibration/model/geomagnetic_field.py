@@ -20,7 +20,6 @@ from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 _Coefficients = NDArray[np.complex128]
 
 _FILE = Path(__file__).with_name("IGRF14.shc")
-_DEGREE = 13
 
 
 _EQUATORIAL_RADIUS_M, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
@@ -29,9 +28,9 @@ _EQUATORIAL_RADIUS_M, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
 
 def _field(position_m: FloatArray, coefficients: _Coefficients) -> FloatArray:
     """Return the (3,) field, minus the gradient of the potential, along the axes of the Earth."""
-    solid = _solid_harmonics(position_m)
+    solid = _solid_harmonics(position_m, len(coefficients))
     field = np.zeros(3)
-    for degree in range(1, _DEGREE + 1):
+    for degree in range(1, len(coefficients)):
         for order in range(degree + 1):
             above = solid[degree + 1]
             rising = -above[order + 1]  # the derivatives along x + iy, x - iy and z, times the reference radius
@@ -42,18 +41,18 @@ def _field(position_m: FloatArray, coefficients: _Coefficients) -> FloatArray:
     return field
 
 
-def _solid_harmonics(position_m: FloatArray) -> _Coefficients:
-    """Return (a/r)ⁿ⁺¹ Pₙₘ(sin φ) exp(imλ), with a the reference radius, by degree n and order m."""
+def _solid_harmonics(position_m: FloatArray, highest: int) -> _Coefficients:
+    """Return (a/r)ⁿ⁺¹ Pₙₘ(sin φ) exp(imλ), a the reference radius, by degree n up to the highest and order m."""
     # Of the sphere to which the coefficients refer.
     reference_radius_m = 6371.2e3
     squared = reference_radius_m**2 / float(position_m @ position_m)
     x, y, z = (squared * position_m / reference_radius_m).tolist()
-    solid = np.zeros((_DEGREE + 2, _DEGREE + 2), dtype=complex)
+    solid = np.zeros((highest + 1, highest + 1), dtype=complex)
     solid[0, 0] = np.sqrt(squared)
-    for order in range(_DEGREE + 2):
+    for order in range(highest + 1):
         if order:
             solid[order, order] = (2 * order - 1) * complex(x, y) * solid[order - 1, order - 1]
-        for degree in range(order + 1, _DEGREE + 2):
+        for degree in range(order + 1, highest + 1):
             one, two = solid[degree - 1, order], solid[degree - 2, order] if degree > order + 1 else 0.0
             raised = (2 * degree - 1) * z * one - (degree + order - 1) * squared * two
             solid[degree, order] = raised / (degree - order)
@@ -74,7 +73,8 @@ def _published() -> tuple[list[int], _Coefficients]:
     """Return the days of the T sets of coefficients and their values (T, degrees, orders)."""
     lines = [line.split() for line in _FILE.read_text(encoding="ascii").splitlines() if not line.startswith("#")]
     days = [date(int(float(year)), 1, 1).toordinal() for year in lines[1]]
-    sets = np.zeros((len(days), _DEGREE + 1, _DEGREE + 1), dtype=complex)
+    sizes = int(lines[-1][0]) + 1  # the highest degree comes last
+    sets = np.zeros((len(days), sizes, sizes), dtype=complex)
     for line in lines[2:]:
         degree, order, values = int(line[0]), int(line[1]), np.array([float(value) for value in line[2:]])
         size = abs(order)
@@ -189,21 +189,15 @@ class FieldBounds:
             if not low <= value <= high:
                 raise self._refusal(f"sensor {sensor + 1} reads", value)
 
-    def _hint(self, tesla: float) -> str:
-        """Return which mistake of units takes a field within the bounds for another, as a question."""
-        fits = [name for name, factor in _UNITS.items() if self.hold(tesla / factor)]
-        return f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"
-
     def _refusal(self, subject: str, tesla: float) -> InputError:
-        return InputError(f"{subject} {tesla * 1e6:.4g} µT, but {self}: {self._hint(tesla)}")
+        """Say what is wrong, and ask which mistake of units takes a field within the bounds for another."""
+        fits = [name for name, factor in _UNITS.items() if self.hold(tesla / factor)]
+        hint = f"is this {' or '.join(fits)}?" if fits else "check the unit and the source"
+        return InputError(f"{subject} {tesla * 1e6:.4g} µT, but {self}: {hint}")
 
 
 EARTH_FIELD = FieldBounds(15e-6, 100e-6, "the Earth's")
 """Of the geomagnetic field anywhere, with what iron and magnets nearby add to it."""
-
-
-_MODEL_YEARS = (1900, 2030)
-"""First year of IGRF-14, and the year at whose beginning it ends."""
 
 
 def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day: date) -> FloatArray:
@@ -236,10 +230,9 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
         raise InputError(f"the longitude must lie between -180 and 360 degrees east, not at {longitude_deg}")
     if not -10e3 <= height_m <= 600e3:
         raise InputError(f"the height must lie between -10 and 600 km, not at {height_m} m")
-    if not _MODEL_YEARS[0] <= day.year < _MODEL_YEARS[1]:
-        raise InputError(
-            f"the geomagnetic model IGRF-14 is valid from {_MODEL_YEARS[0]} to {_MODEL_YEARS[1] - 1}, not in {day.year}"
-        )
+    first, *_, last = (date.fromordinal(each).year for each in _published()[0])
+    if not first <= day.year < last:
+        raise InputError(f"the geomagnetic model IGRF-14 is valid from {first} to {last - 1}, not in {day.year}")
     latitude, longitude = from_degrees(latitude_deg), from_degrees(longitude_deg)
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
     up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])

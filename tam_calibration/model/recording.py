@@ -1,17 +1,22 @@
-"""The data of one run, checked, and what the fits need of any source of samples.
+"""The data of one run, checked, what the fits need of any source of samples, and its table of pandas or xarray.
 
-Interpolation correlates the white noise of sensors with separate clocks (``InterpolatedNoise``).
+Interpolation correlates the white noise of sensors with separate clocks (``InterpolatedNoise``). pandas and xarray are
+not loaded before a table is asked for.
+
+A further channel is the current of a circuit, or what an actuator does. Its name is that of a column, and implies the
+topic: ``current_2_A``, the second current, is ``currents/current_2``, and ``actuator_rudder`` is ``actuators/rudder``:
+an angle, a speed or a power in whatever unit. The first current is the channel ``current_A`` of old.
 """
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from tam_calibration.model import conversion
-from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import require_further
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
 from tam_calibration.model.limits import LARGEST, LEAST_SPREAD_T, SHORTEST_ATTITUDE
 from tam_calibration.model.units import FloatArray
@@ -19,6 +24,184 @@ from tam_calibration.model.units import FloatArray
 if TYPE_CHECKING:
     import pandas
     import xarray
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+_COLUMN = re.compile(r"(current_(?:[2-9]|[1-9]\d))_A|actuator_([a-z][a-z0-9_]{0,40})")
+_TOPIC = re.compile(r"currents/(current_(?:[2-9]|[1-9]\d))|actuators/([a-z][a-z0-9_]{0,40})")
+
+
+def is_further(name: str) -> bool:
+    """Whether a name is that of a further channel."""
+    return _COLUMN.fullmatch(name) is not None
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a further channel: A of a current, 1 of an actuator."""
+    return "A" if name.startswith("current") else "1"
+
+
+def topic_of(name: str) -> str:
+    """Return the relative topic of a further channel, messages of which hold one number."""
+    match = _COLUMN.fullmatch(name)
+    assert match is not None
+    return f"currents/{match[1]}" if match[1] else f"actuators/{match[2]}"
+
+
+def named_by(topic: str) -> str | None:
+    """Return the name of the further channel with a relative topic; None where it is another topic."""
+    match = _TOPIC.fullmatch(topic)
+    if match is None:
+        return None
+    return f"{match[1]}_A" if match[1] else f"actuator_{match[2]}"
+
+
+def require_further(names: Iterable[str]) -> tuple[str, ...]:
+    """Return names of further channels, each once, in the order of columns.
+
+    Raises
+    ------
+    InputError
+        When one is none.
+    """
+    given = list(names)
+    for name in given:
+        if not is_further(name):
+            raise InputError(
+                f"{quoted(name)} is no further channel: one is named current_2_A to current_99_A, or actuator_ and a "
+                "name in small letters"
+            )
+    return tuple(sorted(set(given), key=lambda name: (not name.startswith("current"), len(name), name)))
+
+
+def channel_in_words(name: str) -> str:
+    """Return a channel as sentences name it: "current" of current_A, and a further one by its column."""
+    if name == "angular_velocity_rad_s":
+        return "gyroscope"
+    return name if is_further(name) else name.partition("_")[0]
+
+
+ATTITUDE_COLUMNS = ("qx", "qy", "qz", "qw")
+"""Columns of the attitude in a table."""
+
+RATE_COLUMNS = ("wx_rad_s", "wy_rad_s", "wz_rad_s")
+"""Columns of the angular velocity in a table."""
+
+POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+"""Columns of the position in a table; any other channel is one column of its own name."""
+
+_OF_VECTORS = {"attitude": ATTITUDE_COLUMNS, "angular_velocity_rad_s": RATE_COLUMNS, "position_m": POSITION_COLUMNS}
+_SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
+
+_TIME = ("time_s",)
+
+_VARIABLES = {
+    "readings_T": ("T", ("time_s", "sensor", "axis")),
+    "scalar_T": ("T", _TIME),
+    "temperature_C": ("degC", _TIME),
+    "current_A": ("A", _TIME),
+    "attitude": ("1", ("time_s", "quaternion")),
+    "angular_velocity_rad_s": ("rad/s", ("time_s", "axis")),
+    "position_m": ("m", ("time_s", "axis")),
+}
+"""Attribute ``units`` and dimensions of each variable of a dataset."""
+
+_COMPONENTS = {"axis": ["x", "y", "z"], "quaternion": ["x", "y", "z", "w"]}
+"""Labels of the dimensions whose order has a meaning."""
+
+
+def reading_columns(sensor_count: int) -> list[str]:
+    """Return the columns of the readings of so many sensors: b1x_T, b1y_T, b1z_T, b2x_T and so on."""
+    return [f"b{sensor}{axis}_T" for sensor in range(1, sensor_count + 1) for axis in "xyz"]
+
+
+def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
+    """Return the table of a recording's values.
+
+    Parameters
+    ----------
+    values : mapping of str to array
+        The fields of a ``Recording`` that are there, by name.
+
+    Raises
+    ------
+    InputError
+        When pandas is not installed.
+    """
+    table = _library("pandas")
+    readings = values["readings_T"]
+    columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
+    columns |= {name: values[name] for name in _SINGLE_CHANNELS if name in values}
+    for name, own in _OF_VECTORS.items():
+        if name in values:
+            columns |= zip(own, values[name].T, strict=True)
+    columns |= {name: channel for name, channel in values.items() if is_further(name)}
+    return table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
+
+
+def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":
+    """Return the dataset of a recording's values.
+
+    Parameters
+    ----------
+    values : mapping of str to array
+        The fields of a ``Recording`` that are there, by name.
+
+    Raises
+    ------
+    InputError
+        When xarray is not installed.
+    """
+    numbers = np.arange(1, values["readings_T"].shape[1] + 1)
+    variables = {}
+    for name in [*(one for one in _VARIABLES if one in values), *filter(is_further, values)]:
+        unit, dimensions = _variable(name)
+        variables[name] = (dimensions, values[name], {"units": unit})
+    used = {dimension for dimensions, _, _ in variables.values() for dimension in dimensions}
+    labels = {name: label for name, label in _COMPONENTS.items() if name in used}
+    time = ("time_s", values["time_s"], {"units": "s"})
+    dataset: xarray.Dataset = _library("xarray").Dataset(variables, {"time_s": time, "sensor": numbers, **labels})
+    return dataset
+
+
+def from_xarray(dataset: "xarray.Dataset") -> dict[str, FloatArray]:
+    """Return the values of a dataset as ``to_xarray`` makes it, in any order of its dimensions and components.
+
+    Raises
+    ------
+    InputError
+        When a variable, dimension or label is missing, or a variable or unit is another.
+    """
+    if others := [name for name in dataset.data_vars if name not in _VARIABLES and not is_further(str(name))]:
+        raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(_VARIABLES)}")
+    if missing := [name for name in ("time_s", "readings_T") if name not in dataset.variables]:
+        raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *_VARIABLES))}")
+    values = {"time_s": np.asarray(dataset["time_s"], dtype=float)}
+    for name in map(str, dataset.data_vars):
+        variable = dataset[name]
+        own_unit, dimensions = _variable(name)
+        if (unit := variable.attrs.get("units", own_unit)) != own_unit:
+            raise InputError(f"variable {name} is in {unit!r} and must be in {own_unit!r}")
+        try:
+            chosen = {each: _COMPONENTS[each] for each in dimensions if each in _COMPONENTS}
+            values[name] = np.asarray(variable.transpose(*dimensions).sel(chosen), dtype=float)
+        except (KeyError, ValueError) as problem:
+            raise InputError(f"variable {name} must have the dimensions {dimensions}: {problem}") from None
+    return values
+
+
+def _variable(name: str) -> tuple[str, tuple[str, ...]]:
+    """Return unit and dimensions of a variable; a further channel is one number for each time."""
+    return _VARIABLES[name] if name in _VARIABLES else (unit_of(name), _TIME)
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ModuleNotFoundError:
+        raise InputError(f"{name} is not installed: pip install 'tam_calibration[notebook]'") from None
 
 
 LAGS = 8
@@ -50,7 +233,7 @@ class InterpolatedNoise:
 CHANNELS = ("scalar_T", "temperature_C", "current_A", "attitude", "angular_velocity_rad_s", "position_m")
 """Channels that may be recorded with the sensors; a channel of NaN only is absent."""
 
-COMPONENTS = {"attitude": 4, "angular_velocity_rad_s": 3, "position_m": 3}
+COMPONENTS = {name: len(columns) for name, columns in _OF_VECTORS.items()}
 """Numbers of a value of each channel that has more than one; one NaN among them makes all NaN."""
 
 BLOCK = 16_384
@@ -143,7 +326,7 @@ class Recording:
         Quaternion x, y, z, w that turns vectors of the array frame into the world's; NaN if missing. One NaN makes all
         four components NaN.
     further : mapping of str to (N,) array
-        Further currents and actuators by their names, see ``further_channels``; NaN if missing.
+        Further currents and actuators by their names, see ``require_further``; NaN if missing.
     interpolated_noise : InterpolatedNoise, optional
         Effect of interpolation on the sensors' noise; None if no reading was interpolated.
     angular_velocity_rad_s : (N, 3) array, optional
@@ -409,7 +592,7 @@ class Recording:
         >>> list(frame.columns[:4])
         ['b1x_T', 'b1y_T', 'b1z_T', 'b2x_T']
         """
-        return conversion.to_pandas(self.values())
+        return to_pandas(self.values())
 
     @classmethod
     def from_pandas(cls, frame: "pandas.DataFrame", map: Any = None) -> "Recording":
@@ -471,7 +654,7 @@ class Recording:
         >>> dataset["scalar_T"].attrs["units"]
         'T'
         """
-        return conversion.to_xarray(self.values())
+        return to_xarray(self.values())
 
     @classmethod
     def from_xarray(cls, dataset: "xarray.Dataset") -> "Recording":
@@ -500,7 +683,7 @@ class Recording:
         >>> Recording.from_xarray(dataset.isel(time_s=slice(100))).readings_T.shape
         (100, 4, 3)
         """
-        return cls.of_values(conversion.from_xarray(dataset))
+        return cls.of_values(from_xarray(dataset))
 
     def check_plausible(self, field: FieldBounds = EARTH_FIELD) -> None:
         """Check that readings and scalar can be those of a field in tesla that the array was turned in.

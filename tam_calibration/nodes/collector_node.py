@@ -15,16 +15,16 @@ from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.core.interpolation import AveragedRates
 from tam_calibration.fit.coverage import Coverage
-from tam_calibration.fit.live_coverage import LiveCoverage
+from tam_calibration.fit.turns import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are
 from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, SampleLayout
 from tam_calibration.messages.samples import Usage, turns_of, why_doubled
 from tam_calibration.messages.stream import SILENCE_NS, sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import Run, StampFigures
-from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
+from tam_calibration.model.recording import RATE_COLUMNS
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode
 from tam_calibration.nodes.inputs import FrameCheck, Input, map_of_topics, own_map

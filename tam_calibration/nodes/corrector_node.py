@@ -14,8 +14,7 @@ from visualization_msgs.msg import Marker
 
 from tam_calibration.correction.acceptance import ScalarAgreement
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.partial import missing_codes, sensors_of
-from tam_calibration.correction.streaming import CorrectedBatch, Correction
+from tam_calibration.correction.streaming import CorrectedBatch, Correction, missing_codes, sensors_of
 from tam_calibration.messages import point_cloud
 from tam_calibration.messages.point_cloud import SampleLayout, center_covariance, layout_of
 from tam_calibration.messages.stream import SILENCE_NS

@@ -14,15 +14,15 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.correction.streaming import PartialCorrection
 from tam_calibration.localization.euler import DIPOLE_INDEX
 from tam_calibration.localization.solutions import EulerSolutions, Status, pose_rows
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_samples, regional_of, turned
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_COLUMNS, layout_of
 from tam_calibration.messages.stream import SILENCE_NS
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
+from tam_calibration.model.recording import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
 from tam_calibration.nodes.calibrated import CALIBRATED, CalibratedNode

@@ -19,7 +19,7 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import TamNode
 
 if TYPE_CHECKING:  # with scipy, that a collector does without
-    from tam_calibration.localization.target import Target
+    from tam_calibration.localization.targets import Target
 
 PERIOD_S = 0.1
 """Time between the markers of a stream: ten a second are more than eyes follow, and cost little at any rate of it."""

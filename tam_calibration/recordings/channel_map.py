@@ -16,8 +16,7 @@ from tam_calibration.files.yaml_document import mapping_in
 from tam_calibration.messages.point_cloud import columns_of
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.model.exceptions import InputError, quoted
-from tam_calibration.model.further_channels import require_further
-from tam_calibration.model.recording import require_sensor_count
+from tam_calibration.model.recording import require_further, require_sensor_count
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, IntArray
 from tam_calibration.recordings.times import nanoseconds_of
 

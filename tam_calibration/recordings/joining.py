@@ -9,7 +9,7 @@ from itertools import chain, pairwise
 import numpy as np
 
 from tam_calibration.core.interpolation import AveragedRates
-from tam_calibration.correction.partial import missing_codes
+from tam_calibration.correction.streaming import missing_codes
 from tam_calibration.messages import samples
 from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
@@ -19,11 +19,11 @@ from tam_calibration.messages.samples import Usage
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.timeline import Run
 from tam_calibration.model.array import Array
-from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.limits import largest_of
 from tam_calibration.model.mounting import Mounting
+from tam_calibration.model.recording import RATE_COLUMNS
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick, Reading
 from tam_calibration.recordings.intake import Intake, axes_of

@@ -8,10 +8,16 @@ from itertools import chain
 from typing import Any, cast
 
 from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, IMU, MAGNETIC_FIELD, sensor_topic
-from tam_calibration.model.conversion import ATTITUDE_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import is_further, named_by, require_further
-from tam_calibration.model.recording import require_sensor_count
+from tam_calibration.model.recording import (
+    ATTITUDE_COLUMNS,
+    POSITION_COLUMNS,
+    RATE_COLUMNS,
+    is_further,
+    named_by,
+    require_further,
+    require_sensor_count,
+)
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
 from tam_calibration.recordings.channel_map import ChannelMap, FieldUnit, Pick, World
 from tam_calibration.recordings.intake import GEOGRAPHIC_COLUMNS

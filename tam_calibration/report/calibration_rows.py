@@ -4,13 +4,11 @@ from itertools import groupby
 
 import numpy as np
 
-from tam_calibration.correction.calibration import Calibration, KnownSource
-from tam_calibration.correction.parts import Moved, Update, in_words
+from tam_calibration.correction.calibration import Calibration, KnownSource, Moved, Update, in_words
 from tam_calibration.effects.library import units_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
 from tam_calibration.model.data_sheet import DAY_S
-from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.sensor_errors import PARAMETER_NAMES, orientation_to_axes
+from tam_calibration.model.sensor_errors import PARAMETER_NAMES, Residuals, orientation_to_axes
 from tam_calibration.model.units import to_degrees, to_nanotesla
 from tam_calibration.report.blocks import KINDS, Block, Table, Text, count, join, number, ratio, with_error, with_errors
 

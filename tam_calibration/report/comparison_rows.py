@@ -6,7 +6,7 @@ from itertools import islice
 
 from tam_calibration.comparison import result
 from tam_calibration.gap.noise import AxisNoise
-from tam_calibration.model.sensors_in_words import sensors_in_words
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text, join, number, sentence, with_error
 from tam_calibration.report.gap_rows import closed_words, law_sentence, number_rows, percent, valued

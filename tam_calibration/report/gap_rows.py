@@ -10,8 +10,8 @@ from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.fitted_effect import FittedEffect
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Points, Table, Text, fixed, join, number, sentence, with_error
 from tam_calibration.results.results_json import numbers_of

@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from tam_calibration.fit.coverage import BANDS, SECTORS, Coverage, cell_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
-from tam_calibration.model.residuals import Residuals, ResidualSeries
+from tam_calibration.model.sensor_errors import Residuals, ResidualSeries
 from tam_calibration.model.units import FloatArray, from_degrees, to_nanotesla
 from tam_calibration.report import page
 from tam_calibration.report.blocks import count, number

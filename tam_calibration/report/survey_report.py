@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tam_calibration.localization.solutions import ELLIPSOID_PROBABILITY
-from tam_calibration.localization.survey import ARRAY_FRAME, Overall, Survey, standard_errors
-from tam_calibration.localization.target import Target
-from tam_calibration.localization.targets import SurveyLine
+from tam_calibration.localization.solutions import ARRAY_FRAME, ELLIPSOID_PROBABILITY, Overall, Survey, standard_errors
+from tam_calibration.localization.targets import SurveyLine, Target
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report import blocks, page
 from tam_calibration.report.page import embed, write_page

@@ -6,15 +6,22 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tam_calibration.correction import parts
 from tam_calibration.correction.acceptance import beyond_limits
-from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.calibration import (
+    AmbientGradientEstimate,
+    Calibration,
+    EffectSize,
+    Grade,
+    KnownSource,
+    Moved,
+    Provenance,
+    Update,
+)
 from tam_calibration.effects.library import check_numbers
 from tam_calibration.files import schema
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
-from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.sensor_errors import SensorErrors, orientation_from_axes
+from tam_calibration.model.sensor_errors import Residuals, SensorErrors, orientation_from_axes
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.results.effects_schema import EffectFile
@@ -47,12 +54,12 @@ class _MovedFile(schema.Document):
     since_s: schema.Seconds | None = None
     together: _ChangeFile | None = None
 
-    def to_moved(self) -> parts.Moved:
+    def to_moved(self) -> Moved:
         """Return the change in SI."""
         rivals = tuple(map(dataclasses.astuple, self.rivals))
         change, error = self._in_si("change"), self._in_si("standard_error")
         together = dataclasses.astuple(self.together) if self.together else None
-        return parts.Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s, together)
+        return Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s, together)
 
     def _in_si(self, name: str) -> FloatArray:
         key = name + _UNIT_OF[self.kind]
@@ -78,7 +85,7 @@ class UpdateFile(schema.Document):
     probability: _Part
     moved: list[_MovedFile]
 
-    def to_update(self, sensor_count: int) -> parts.Update:
+    def to_update(self, sensor_count: int) -> Update:
         """Return the update in SI.
 
         Raises
@@ -89,7 +96,7 @@ class UpdateFile(schema.Document):
         for name in ("prior_standard_errors_SI", "data_share"):
             if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
-        return parts.Update(
+        return Update(
             prior=self.prior,
             rates=schema.part_of(self.change_rates),
             elapsed_s=self.elapsed_s,
@@ -103,15 +110,15 @@ class UpdateFile(schema.Document):
         )
 
 
-def update_to_mapping(update: parts.Update) -> dict[str, Any]:
+def update_to_mapping(update: Update) -> dict[str, Any]:
     """Return the keys and values of an update in a file."""
-    stated = zip(dataclasses.fields(UpdateFile), dataclasses.fields(parts.Update), strict=True)
+    stated = zip(dataclasses.fields(UpdateFile), dataclasses.fields(Update), strict=True)
     mapping = {key.name: schema.value_to_write(key.name, getattr(update, own.name)) for key, own in stated}
     moved = [_moved_to_mapping(each) for each in update.moved]
     return mapping | {"change_rates": schema.part_to_mapping(update.rates), "moved": moved}
 
 
-def _moved_to_mapping(moved: parts.Moved) -> dict[str, Any]:
+def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
     unit = _UNIT_OF[moved.kind]
     return {
         "kind": moved.kind,
@@ -187,10 +194,10 @@ class _Field(schema.Document):
     gradient_nT_per_m: schema.NanoteslaTensor | None = None
     gradient_standard_error_nT_per_m: tuple[_StandardErrors, _StandardErrors, _StandardErrors] | None = None
 
-    def to_gradient(self) -> parts.AmbientGradientEstimate | None:
+    def to_gradient(self) -> AmbientGradientEstimate | None:
         """Return the gradient of the field in SI, where one was fitted."""
         *_, tensor, errors = schema.in_si(self)
-        return None if tensor is None or errors is None else parts.AmbientGradientEstimate(tensor, errors)
+        return None if tensor is None or errors is None else AmbientGradientEstimate(tensor, errors)
 
 
 class ResidualsFile(schema.Document):
@@ -217,11 +224,11 @@ class _Recording(schema.Document):
     sha256: str | None
     mean_temperature_C: schema.Celsius | None = None
 
-    def to_provenance(self) -> parts.Provenance | None:
+    def to_provenance(self) -> Provenance | None:
         """Return where the recording came from, if that is known."""
         if self.name is None or self.size_bytes is None or self.sha256 is None:
             return None
-        return parts.Provenance(self.name, self.size_bytes, self.sha256)
+        return Provenance(self.name, self.size_bytes, self.sha256)
 
 
 class _OfOutputs(schema.Document):
@@ -237,9 +244,9 @@ class _Effect(EffectFile):
     size: _OfOutputs
     size_standard_error: _OfOutputs
 
-    def to_size(self) -> parts.EffectSize:
+    def to_size(self) -> EffectSize:
         """Return what the effect does to the outputs, SI."""
-        return parts.EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
+        return EffectSize(self.size.to_tesla(), self.size_standard_error.to_tesla())
 
 
 class KnownSourceFile(schema.Document):
@@ -254,7 +261,7 @@ class KnownSourceFile(schema.Document):
 
 
 class _Quality(schema.Document):
-    grade: parts.Grade
+    grade: Grade
     reasons: list[str]
     next: list[str]
 
@@ -329,7 +336,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         frame=stored.frame,
         effects=effects,
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),
-        known_source=None if stored.known_source is None else parts.KnownSource(*schema.in_si(stored.known_source)),
+        known_source=None if stored.known_source is None else KnownSource(*schema.in_si(stored.known_source)),
         accepted=tuple(stored.accepted),
         temperature_C=stored.recording.mean_temperature_C,
         update=None if stored.update is None else stored.update.to_update(errors.sensor_count),

@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 
 from tam_calibration import __version__
-from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource
-from tam_calibration.correction.parts import Quality
+from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource, Quality
 from tam_calibration.effects.library import units_of
 from tam_calibration.files.schema import NOT_TURNED, block_to_write, value_to_write
 from tam_calibration.files.text_files import in_file, read_text, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
-from tam_calibration.model.residuals import Residuals
-from tam_calibration.model.sensor_errors import SensorErrors, orientation_to_axes
+from tam_calibration.model.sensor_errors import Residuals, SensorErrors, orientation_to_axes
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.recordings.array_yaml import array_to_mapping
 from tam_calibration.results import calibration_schema

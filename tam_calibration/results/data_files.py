@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration, Corrected
-from tam_calibration.correction.partial import ContradictionSearch, PartialCorrection
+from tam_calibration.correction.streaming import ContradictionSearch, PartialCorrection
 from tam_calibration.files.schema import nanotesla_to_write
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.messages.point_cloud import SampleLayout

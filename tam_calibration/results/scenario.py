@@ -21,7 +21,7 @@ from tam_calibration.recordings.iaga2002 import read_iaga2002
 from tam_calibration.results.calibration_schema import SensorFile, errors_of
 from tam_calibration.results.calibration_yaml import sensors_to_mapping
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
-from tam_calibration.simulation import Scenario, Simulation, attitude, surroundings
+from tam_calibration.simulation import Scenario, Simulation, conditions
 from tam_calibration.sources.dipole import Dipole
 
 _Intensity = Annotated[float, Bounds(above=0, least=1e-3, most=1e9, unit="nT")]
@@ -46,7 +46,7 @@ class _Site(Document):
 
     def field_T(self) -> FloatArray:
         angles = from_degrees(self.inclination_deg), from_degrees(self.declination_deg)
-        return surroundings.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
+        return conditions.field_from_elements(from_nanotesla(self.intensity_nT), *angles)
 
 
 class _Place(Document):
@@ -71,14 +71,14 @@ class _Part(Document):
 
 
 class _Sinusoid(_Part):
-    makes = surroundings.SinusoidDrift
+    makes = conditions.SinusoidDrift
     kind: Literal["sinusoid"]
     standard_deviation_nT: _Spread
     period_s: schema.Period
 
 
 class _Ramp(_Part):
-    makes = surroundings.RampDrift
+    makes = conditions.RampDrift
     kind: Literal["ramp"]
     standard_deviation_nT: _Spread
 
@@ -88,12 +88,12 @@ class _Observatory(Document):
     file: str
     start: datetime | None = None
 
-    def build(self, folder: Path) -> surroundings.Drift:
+    def build(self, folder: Path) -> conditions.Drift:
         record = read_iaga2002(folder / self.file)
         start = self.start or record.start
         if start.tzinfo is not None:
             start = start.astimezone(UTC).replace(tzinfo=None)
-        return surroundings.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
+        return conditions.ObservedDrift(record.time_s - (start - record.start).total_seconds(), record.field_T)
 
 
 class _Dipole(_Part):
@@ -107,27 +107,27 @@ class _Motion(Document):
 
     kind: Literal["random", "three_axis_turns", "turntable"]
 
-    def build(self, folder: Path) -> attitude.Motion:
+    def build(self, folder: Path) -> conditions.Motion:
         """Return the motion."""
         if self.kind == "random":
-            return attitude.RandomAttitudes()
-        return attitude.Turntable() if self.kind == "turntable" else attitude.ThreeAxisTurns()
+            return conditions.RandomAttitudes()
+        return conditions.Turntable() if self.kind == "turntable" else conditions.ThreeAxisTurns()
 
 
 class _RandomEulerAngles(_Part):
-    makes = attitude.RandomEulerAngles
+    makes = conditions.RandomEulerAngles
     kind: Literal["random_euler_angles"]
     standard_deviation_deg: _Angle = 180.0
 
 
 class _Tumble(_Part):
-    makes = attitude.Tumble
+    makes = conditions.Tumble
     kind: Literal["tumble"]
     turn_rate_deg_per_s: _Angle = 90.0
 
 
 class _Auv(_Part):
-    makes = attitude.Manoeuvre
+    makes = conditions.Manoeuvre
     kind: Literal["auv"]
     pitch_limit_deg: schema.Degrees
     roll_limit_deg: schema.Degrees
@@ -135,20 +135,20 @@ class _Auv(_Part):
 
 
 class _Scalar(_Part):
-    makes = surroundings.ScalarReference
+    makes = conditions.ScalarReference
     rate_hz: schema.Hertz | None = None
     one_error_per_recording: bool = False
 
 
 class _Temperature(_Part):
-    makes = surroundings.Temperature
+    makes = conditions.Temperature
     start_C: schema.Celsius
     end_C: schema.Celsius
     noise_C: _Spread = 0.0
 
 
 class _Current(_Part):
-    makes = surroundings.Current
+    makes = conditions.Current
     low_A: schema.Ampere
     high_A: schema.Ampere
     period_s: schema.Period
@@ -156,7 +156,7 @@ class _Current(_Part):
 
 
 class _Switched(_Part):
-    makes = surroundings.Current
+    makes = conditions.Current
     low: schema.Ampere
     high: schema.Ampere
     period_s: schema.Period
@@ -164,7 +164,7 @@ class _Switched(_Part):
 
 
 class _Attitude(_Part):
-    makes = surroundings.AttitudeChannel
+    makes = conditions.AttitudeChannel
     noise_deg: _Spread = 0.0
 
 

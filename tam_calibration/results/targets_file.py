@@ -10,9 +10,8 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.files.text_files import to_json, write_text
-from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.survey import WORLD_FRAME, Overall, Survey, standard_errors
-from tam_calibration.localization.target import Target
+from tam_calibration.localization.solutions import WORLD_FRAME, EulerSolutions, Overall, Status, Survey, standard_errors
+from tam_calibration.localization.targets import Target
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.recordings.intake import geographic

@@ -21,12 +21,10 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
-from tam_calibration.model.further_channels import is_further, require_further
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, is_further, require_further
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.simulation.attitude import Motion
-from tam_calibration.simulation.surroundings import AttitudeChannel, Current, Drift, ScalarReference, Temperature
+from tam_calibration.simulation.conditions import AttitudeChannel, Current, Drift, Motion, ScalarReference, Temperature
 from tam_calibration.sources.dipole import Dipole
 
 MOST_READINGS = 8_000_000
@@ -66,7 +64,7 @@ class Scenario:
     effects : tuple of FittedEffect
         Physical effects beyond the sensors' errors.
     further : mapping of str to Current
-        Further currents and actuators by name, see ``further_channels``.
+        Further currents and actuators by name, see ``require_further``.
     gyroscope : Gyroscope, optional
         What records the angular velocity of a motion that is steady.
 

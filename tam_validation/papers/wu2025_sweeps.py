@@ -9,12 +9,12 @@ from numpy.linalg import inv, norm
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.moments import field_products, gather, procrustes
+from tam_calibration.fit.published import field_products, gather, procrustes
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
-from tam_calibration.simulation.attitude import Motion, RandomEulerAngles, ThreeAxisTurns
+from tam_calibration.simulation.conditions import Motion, RandomEulerAngles, ThreeAxisTurns
 
 RUNS = 50
 """Monte Carlo experiments of each point, as the paper has them."""

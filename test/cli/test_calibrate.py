@@ -21,7 +21,7 @@ from tam_calibration.recordings import write_array
 from tam_calibration.results import read_calibration, write_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel
 
 run = partial(tam, "calibrate")
 

@@ -15,8 +15,7 @@ from tam_calibration.model.units import from_degrees
 from tam_calibration.recordings import read_recording, write_array
 from tam_calibration.results import read_calibration, write_calibration, write_recording
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 PIER_S = 1.7e9
 

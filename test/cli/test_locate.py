@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.cli.main import main
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.euler import DIPOLE_INDEX
-from tam_calibration.localization.one_source import locate_run
+from tam_calibration.localization.locate import locate_run
 from tam_calibration.localization.turned_samples import Samples, regional_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.results import read_calibration, write_calibration, write_recording

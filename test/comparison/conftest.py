@@ -22,7 +22,7 @@ def run():
     Of a seed, a drift of sensor 2 with temperature [nT/K], and noise of so many times that of the sheet.
     """
     from tam_calibration import read_scenario, simulate
-    from tam_calibration.simulation.surroundings import AttitudeChannel, Temperature
+    from tam_calibration.simulation.conditions import AttitudeChannel, Temperature
 
     scenario = replace(
         read_scenario("tumble_100_hz"),

@@ -1,9 +1,12 @@
+"""The size of noise, and its correlation in time."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from tam_calibration.core.noise import complete_noise, noise_energy
+from tam_calibration.core.noise import BLOCKS, COSINES, complete_noise, noise_energy, slow_cosines
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
@@ -72,3 +75,15 @@ def test_the_variance_of_noise_is_told_by_the_median_of_its_sums_of_squares(free
     assert noise_energy(energy, freedom) == pytest.approx(9, rel=0.03)
     energy[:4000] = 1e9
     assert 9 < noise_energy(energy, freedom) < 13
+
+
+def test_they_are_orthogonal_to_each_other_and_to_the_mean():
+    """So that their sums are independent for white samples, and have the variance of the plain sum."""
+    cosines = np.column_stack([np.ones(BLOCKS), slow_cosines()])
+    assert_allclose(cosines.T @ cosines, BLOCKS * np.eye(COSINES + 1), atol=1e-12 * BLOCKS)
+
+
+def test_the_fastest_has_eight_blocks_in_a_period():
+    """A constant that changes is met: four half cosines over sixteen blocks, the last with four changes of sign."""
+    assert slow_cosines().shape == (16, 4)
+    assert [int(np.sum(np.diff(np.sign(one)) != 0)) for one in slow_cosines().T] == [1, 2, 3, 4]

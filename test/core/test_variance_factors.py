@@ -2,7 +2,7 @@
 
 import pytest
 
-from tam_calibration.core.slow_cosines import WHITE, VarianceFactors
+from tam_calibration.core.noise import WHITE, VarianceFactors
 
 
 @pytest.mark.parametrize(

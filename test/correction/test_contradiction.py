@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.correction.partial import ContradictionSearch
+from tam_calibration.correction.streaming import ContradictionSearch
 from tam_calibration.fit import calibrate
 from tam_calibration.sources.dipole import dipole_field
 

@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.correction.calibration import EffectSize
-from tam_calibration.correction.partial import EffectRemoval, PartialCorrection
-from tam_calibration.correction.streaming import Correction
+from tam_calibration.correction.streaming import Correction, EffectRemoval, PartialCorrection
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect

@@ -20,7 +20,7 @@ from tam_calibration.model.fitted_effect import ALL, Contribution, FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel
 
 GRADIENT = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
 

@@ -10,8 +10,7 @@ from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.model.units import from_degrees
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 NED_OF_ENU = Rotation.from_matrix([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_OF_FLU = Rotation.from_quat([1, 0, 0, 0])

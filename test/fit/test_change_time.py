@@ -12,7 +12,7 @@ from tam_calibration.fit.prior import prior_of
 from tam_calibration.fit.prior_changes import samples_between, time_of_change
 from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Tumble
+from tam_calibration.simulation.conditions import Tumble
 
 DIRECTIONS = np.eye(48)[:, 18:21]
 BIAS = Change(Hypothesis("bias of sensor 2", "bias", 2, DIRECTIONS, (), "T"), DIRECTIONS, np.full(3, 0.1e-9**2))

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.coverage import CELLS, cell_directions, cell_of, describe, measure_coverage
-from tam_calibration.fit.live_coverage import LiveCoverage
+from tam_calibration.fit.turns import LiveCoverage
 
 FIELD_T = 5e-5
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.consistency import doubts_of
 from tam_calibration.model.array import Array
-from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.sensor_errors import Residuals
 
 
 def scaled(residuals: Residuals, factor: float) -> Residuals:

@@ -13,9 +13,9 @@ from tam_calibration.fit.estimate import measure_chi_square, measure_quality
 from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.model.array import Array
-from tam_calibration.model.residuals import residual_series
+from tam_calibration.model.sensor_errors import residual_series
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel
 
 
 @pytest.fixture(params=[1, 3], ids=["every scalar", "every third scalar"])

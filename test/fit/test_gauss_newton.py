@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tam_calibration.core.normal_equations import Normal
+from tam_calibration.core.least_squares import Normal
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.maximum_likelihood import Point, free_rows, gauss_newton
 from tam_calibration.model.exceptions import Refused

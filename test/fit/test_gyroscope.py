@@ -21,7 +21,7 @@ from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 COUNT = 2000
 made = partial(made_of, count=COUNT)

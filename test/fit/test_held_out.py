@@ -12,7 +12,7 @@ from tam_calibration.fit.calibrate import _pool, held_out_residuals
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
-from tam_calibration.model.residuals import Residuals
+from tam_calibration.model.sensor_errors import Residuals
 
 
 def residuals_of(recording, array, fit, known):

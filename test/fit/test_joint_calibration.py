@@ -8,7 +8,7 @@ from moved_sensors import joined, moved
 from narrow_turns import FINE, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.core.slow_cosines import WHITE
+from tam_calibration.core.noise import WHITE
 from tam_calibration.correction.calibration import EffectSize, KnownSource
 from tam_calibration.effects.removal import added_to
 from tam_calibration.fit import calibrate, joint_calibration
@@ -19,8 +19,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 PIER_S = 1.7e9
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.fit.likelihood import (
     UNIFORM,
     ChannelMaps,
@@ -20,7 +20,7 @@ from tam_calibration.fit.likelihood import (
 )
 from tam_calibration.fit.reference import interpolate
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel
 
 UNIT_T = 5e-5
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]]) * 1e-9
@@ -109,7 +109,7 @@ def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, mon
     likelihood = replace(likelihood_of(run, 0.0), intensity=intensity, interpolation_noise=noise)
     matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
     whole = likelihood.linearize(matrix, bias)
-    monkeypatch.setattr("tam_calibration.fit.likelihood._PIECE", 7)
+    monkeypatch.setattr("tam_calibration.fit.likelihood.BLOCK", 7)
     pieces = likelihood.linearize(matrix, bias)
     assert_allclose(pieces.both.information, whole.both.information, rtol=1e-9)
     assert_allclose(pieces.both.score, whole.both.score, rtol=1e-9)

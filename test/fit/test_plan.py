@@ -25,8 +25,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 INTENSITY_T, INCLINATION = 54955.83e-9, from_degrees(62.3)
 NORTH_WEST_UP = INTENSITY_T * np.array([np.cos(INCLINATION), 0, -np.sin(INCLINATION)])

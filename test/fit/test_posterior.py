@@ -18,8 +18,7 @@ from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
-from tam_calibration.simulation.surroundings import AttitudeChannel
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
 ANYTHING = ChangeRates(0.1, 0.1, 0.1, 0.1, 1e-4, 1e-4, 0.1, 0.1)
 MOUNT = Rotation.from_rotvec([0.02, -0.03, 0.01]).as_matrix()

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from moved_sensors import DIRECTION, SIZES, joined, moved, turn
 
-from tam_calibration.correction.parts import KINDS
+from tam_calibration.correction.calibration import KINDS
 from tam_calibration.fit import prior_changes
-from tam_calibration.fit.contradiction import candidates_of
+from tam_calibration.fit.contradiction import MOST_CHANGES, candidates_of
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame, prior_of
-from tam_calibration.fit.prior_changes import MOST_TIMES, update_prior
+from tam_calibration.fit.prior_changes import update_prior
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
@@ -217,8 +217,8 @@ def there_and_back(scenario, sensors, times):
 def test_a_tool_that_is_picked_up_and_dropped_is_told_as_two_changes(wu_scenario, array, prior, sensors, times):
     """By 20 nT or 2 µT: where it may have moved more than once, each part beside what those before it tell."""
     recording = there_and_back(wu_scenario, sensors, times)
-    resolved = update_prior(recording, array, Known(prior), MOST_TIMES)
-    assert MOST_TIMES == 3
+    resolved = update_prior(recording, array, Known(prior), MOST_CHANGES)
+    assert MOST_CHANGES == 3
     assert [each.since_s for each in resolved.moved] == list(np.repeat(recording.time_s[[100, 200]], len(sensors)))
     assert {each.kind for each in resolved.moved} == {"bias"}
     found = fitted(resolved, array)

@@ -18,8 +18,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre, Tumble
-from tam_calibration.simulation.surroundings import AttitudeChannel, ScalarReference
+from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre, ScalarReference, Tumble
 
 SHAPE = np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
 GRADIENT = 100e-9 * SHAPE / np.linalg.norm(SHAPE)

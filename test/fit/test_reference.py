@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Tumble
-from tam_calibration.simulation.surroundings import ScalarReference, SinusoidDrift
+from tam_calibration.simulation.conditions import ScalarReference, SinusoidDrift, Tumble
 
 
 def interpolated(time, scalar, noise):

@@ -13,7 +13,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Tumble
+from tam_calibration.simulation.conditions import Tumble
 
 SAMPLES = 1200
 

@@ -11,19 +11,19 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from tam_calibration.core.slow_cosines import BLOCKS, COSINES, WHITE, VarianceFactors
-from tam_calibration.fit import calibrate, slow_residuals
+from tam_calibration.core.noise import BLOCKS, COSINES, WHITE, VarianceFactors
+from tam_calibration.fit import calibrate, estimate
+from tam_calibration.fit.estimate import GROWING, variance_factors, widened
 from tam_calibration.fit.information import free_basis, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame
-from tam_calibration.fit.slow_residuals import GROWING, variance_factors, widened
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre, Tumble
+from tam_calibration.simulation.conditions import Manoeuvre, Tumble
 
 LASTS = 20
 """Samples that the slow noise lasts for: a twelfth of a block of the recordings."""
@@ -192,7 +192,7 @@ def test_blocks_of_the_file_do_not_matter(wu_scenario):
     """A recording of more than one block of samples gives what its own sums give, whatever the bounds."""
     recording = turned(wu_scenario, 2, 2e-9, BLOCK + 3000)
     calibration = fitted(recording, wu_scenario)
-    numbers, parts = zip(*slow_residuals._parts(recording), strict=True)
+    numbers, parts = zip(*estimate._parts(recording), strict=True)
     assert sorted(set(numbers)) == list(range(16))
     assert len(parts) > 16
     assert_allclose(np.concatenate([part.time_s for part in parts]), recording.time_s, rtol=0)
@@ -310,7 +310,7 @@ def test_what_is_fitted_beside_the_errors_is_widened_by_no_more_than_the_larger_
     root = generator.normal(size=(12, 2))
     covariance = np.linalg.inv(differential + common) + root @ root.T
     for factors in (VarianceFactors(4.0, 900.0), VarianceFactors(900.0, 4.0)):
-        wider = slow_residuals._sandwich(covariance, differential, factors)
+        wider = estimate._sandwich(covariance, differential, factors)
         ratio = eigh(wider, covariance, eigvals_only=True)
         assert 3.999 < ratio.min() < 4.001 and 100 < ratio.max() < 900.1
 

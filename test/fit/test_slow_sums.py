@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tam_calibration.core.slow_cosines import BLOCKS, SlowSums
+from tam_calibration.core.noise import BLOCKS, SlowSums
 
 PARAMETERS = 20
 INFORMATION = np.tile(np.eye(PARAMETERS) / BLOCKS, (BLOCKS, 1, 1))

@@ -16,8 +16,8 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.results.calibration_yaml import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
+from tam_calibration.sources.demodulation import Poses, amplitudes_of
 from tam_calibration.sources.dipole import Dipole, Loop
-from tam_calibration.sources.poses import Poses, amplitudes_of
 
 ARRAY = Array.cross(0.21)
 SOURCE = Loop(np.array([2.4, -1.0, 0.46]), np.array([250.0, -280.0, 240.0]), 0.445)

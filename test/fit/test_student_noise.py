@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import multivariate_t
 
-from tam_calibration.fit.slow_residuals import StudentNoise
+from tam_calibration.fit.estimate import StudentNoise
 
 
 @pytest.mark.parametrize("channel_count", [1, 4, 10])

@@ -14,7 +14,7 @@ from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 
 
 def narrow_turn(scenario, errors, seed):

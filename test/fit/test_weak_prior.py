@@ -7,7 +7,7 @@ import pytest
 from narrow_turns import FINE, NOISE_T, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit import maximum_a_posteriori as weak_prior
 from tam_calibration.fit.ellipsoid import free_scale

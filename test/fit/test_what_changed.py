@@ -13,7 +13,7 @@ from tam_calibration.fit.what_changed import what_changed
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.attitude import Manoeuvre, Tumble
+from tam_calibration.simulation.conditions import Manoeuvre, Tumble
 
 COUNT, RATE_HZ = 600, 10.0
 

@@ -15,7 +15,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import Temperature
+from tam_calibration.simulation.conditions import Temperature
 
 OFFSET_T_PER_K, SCALE_PER_K, TIME_CONSTANT_S, TRUE_REFERENCE_C = 1.5e-9, 2e-5, 20.0, 22.0
 DRIFT = FittedEffect(

@@ -14,7 +14,7 @@ from tam_calibration.gap.search import search
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.simulation.surroundings import Temperature
+from tam_calibration.simulation.conditions import Temperature
 
 
 def verdict(has_cause, *, left=0.0, laws=(), **size):

@@ -5,7 +5,7 @@ import pytest
 from live_mission import dive
 from scipy.signal import lfilter
 
-from tam_calibration.core.slow_cosines import WHITE
+from tam_calibration.core.noise import WHITE
 from tam_calibration.live.change_window import BlockMeans, BlockNoise
 
 BLOCK, BLOCKS = 40, 60

@@ -7,7 +7,7 @@ import pytest
 from live_mission import UNCHANGING, ashore, dive, moved, recording_of
 from numpy.testing import assert_allclose
 
-from tam_calibration.core.slow_cosines import VarianceFactors
+from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.likelihood import UniformLikelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood

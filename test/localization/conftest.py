@@ -1,8 +1,7 @@
 import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.model.residuals import noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, noise_floor
 
 EARTH_T = np.array([1e-6, 2e-5, -4.5e-5])
 

@@ -5,9 +5,8 @@ import pytest
 
 from tam_calibration.localization import amplitude_fit
 from tam_calibration.localization.amplitude_fit import Amplitudes, locate_amplitudes, require_one_source
-from tam_calibration.localization.calibration_errors import PLACE_ERROR_M
 from tam_calibration.localization.solutions import Status
-from tam_calibration.localization.source_fit import SOURCES
+from tam_calibration.localization.source_fit import PLACE_ERROR_M, SOURCES
 from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.sources.dipole import Dipole

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from tam_calibration.localization.attitude_path import attitude_path
+from tam_calibration.localization.line_path import attitude_path
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.recording import Recording
 

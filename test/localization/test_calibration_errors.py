@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.localization.calibration_errors import errors_of
+from tam_calibration.localization.source_fit import errors_of
 from tam_calibration.localization.targets import find_targets, path_in
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors

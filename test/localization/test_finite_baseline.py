@@ -72,7 +72,7 @@ def test_many_samples_are_located_as_few_are(dipoles, monkeypatch):
     """Cut into pieces, each sample gives what it gives in one, with one covariance or one for each."""
     outputs = dipoles[2].reshape(300, -1) @ ARRAY.operator.T
     whole = locate_with_baselines(outputs, ARRAY, NOISE)
-    monkeypatch.setattr(solutions, "_PIECE", 70)
+    monkeypatch.setattr(solutions, "BLOCK", 70)
     for noise in (NOISE, np.broadcast_to(NOISE, (300, 9, 9))):
         cut = locate_with_baselines(outputs, ARRAY, noise)
         assert_allclose(cut.position_m, whole.position_m, rtol=1e-12)

@@ -7,8 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.line_fit import _field, _nearest
-from tam_calibration.localization.source_fit import locate_with_baselines
+from tam_calibration.localization.source_fit import _field, _nearest, locate_with_baselines
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 

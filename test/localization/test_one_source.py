@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, course, dipole, line, passed
 
-from tam_calibration.localization import one_source, shared_source
-from tam_calibration.localization.one_source import _is_apart, locate_run, regional_beside_current
+from tam_calibration.localization import locate as run_of_samples
+from tam_calibration.localization import shared_source, source_fit
+from tam_calibration.localization.locate import _is_apart, locate_run, regional_beside_current
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, locate_samples, regional_of
@@ -131,12 +132,10 @@ def beside_a_dipole():
 @pytest.mark.parametrize(
     ("module", "name", "value"),
     [
-        (one_source, "_MOST_ROUNDS", 20),
-        (one_source, "_SETTLED", 0.01),
-        (shared_source, "_MOST_STEPS", 10),
-        (shared_source, "_MOST_STEPS", 60),
-        (shared_source, "_SMALLEST_PLACE", 1e-7),
-        (shared_source, "_SMALLEST_SHARED", 1e-8),
+        (run_of_samples, "_MOST_ROUNDS", 20),
+        (run_of_samples, "_SETTLED", 0.01),
+        (source_fit, "SMALLEST_STEP", 1e-7),
+        (shared_source, "SMALLEST_STEP", 1e-16),
     ],
 )
 def test_what_is_found_does_not_depend_on_when_steps_end(beside_a_dipole, monkeypatch, module, name, value):
@@ -150,7 +149,7 @@ def test_what_is_found_does_not_depend_on_when_steps_end(beside_a_dipole, monkey
 
 def test_a_field_that_does_not_settle_is_refused(monkeypatch):
     """Two rounds are not enough from a field that is off by hundreds of times the noise."""
-    monkeypatch.setattr(one_source, "_MOST_ROUNDS", 2)
+    monkeypatch.setattr(run_of_samples, "_MOST_ROUNDS", 2)
     with pytest.raises(Refused, match="no source explains all of them"):
         located([dipole()], known=KNOWN)
 
@@ -164,7 +163,7 @@ def test_a_sample_with_another_solution_is_refused_in_its_run(monkeypatch):
         return found
 
     before, _ = located([dipole()], known=Regional(TRUE_T))
-    monkeypatch.setattr(one_source, "locate_each", elsewhere)
+    monkeypatch.setattr(run_of_samples, "locate_each", elsewhere)
     after, _ = located([dipole()], known=Regional(TRUE_T))
     assert before.status[30] == Status.LOCATED and after.status[30] == Status.APART
     assert np.array_equal(np.delete(before.status, 30), np.delete(after.status, 30))

@@ -1,4 +1,7 @@
-"""The sources of many samples, whoever located them: reasons, distances, and pieces that make the whole."""
+"""The sources of many samples, whoever located them: reasons, distances, and pieces that make the whole.
+
+What a survey tells: its standard errors, and a survey without a source is refused.
+"""
 
 from dataclasses import fields
 
@@ -6,7 +9,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.localization.solutions import _PIECE, EulerSolutions, Status, in_pieces
+from tam_calibration.localization.solutions import (
+    WORLD_FRAME,
+    EulerSolutions,
+    Status,
+    Survey,
+    in_pieces,
+    standard_errors,
+)
+from tam_calibration.model.exceptions import Refused
+from tam_calibration.model.recording import BLOCK
 
 
 def test_every_status_but_located_says_what_would_mend_it():
@@ -29,7 +41,7 @@ def test_refused_samples_have_nothing_but_their_reason():
     assert np.isnan(refused.moment_Am2).all() and np.isnan(refused.moment_covariance_A2m4).all()
 
 
-@pytest.mark.parametrize("count", [_PIECE, _PIECE + 1, 2 * _PIECE + 5])
+@pytest.mark.parametrize("count", [BLOCK, BLOCK + 1, 2 * BLOCK + 5])
 @pytest.mark.parametrize("each_has_its_own", [True, False])
 def test_pieces_make_the_whole(count, each_has_its_own):
     """Every sample is located once, in its place, with its own covariance; more than a piece holds in several."""
@@ -43,9 +55,40 @@ def test_pieces_make_the_whole(count, each_has_its_own):
         return EulerSolutions(part[:, :3], spread, part[:, 3:6], spread, part[:, 7].astype(int))
 
     found = in_pieces(locate, outputs, covariance)
-    assert sum(sizes) == count and max(sizes) <= 8192 and len(sizes) == -(-count // 8192)
+    assert sum(sizes) == count and max(sizes) <= BLOCK and len(sizes) == -(-count // BLOCK)
     assert_allclose(found.position_m, outputs[:, :3])
     assert_allclose(found.moment_Am2, outputs[:, 3:6])
     assert found.status.tolist() == outputs[:, 7].astype(int).tolist()
     expected = np.broadcast_to(covariance, (count, 8, 8))[:, :3, :3]
     assert_allclose(found.position_covariance_m2, expected)
+
+
+def test_nothing_located_is_refused_with_the_most_common_reason():
+    """A survey has a source, or is none."""
+    solutions = EulerSolutions.refused(4, Status.NO_FIELD)
+    solutions.status[0] = Status.AMBIGUOUS
+    with pytest.raises(Refused, match="in 3 of 4 samples the field of the source is zero"):
+        Survey(WORLD_FRAME, np.arange(4.0), solutions, np.zeros((4, 3)))
+
+
+def test_a_single_sample_is_refused_by_its_own_reason():
+    """It is not told as one of one."""
+    with pytest.raises(Refused, match="in the sample the gradient tensor is zero"):
+        Survey(WORLD_FRAME, np.zeros(1), EulerSolutions.refused(1, Status.NO_GRADIENT), np.zeros((1, 3)))
+
+
+def test_refusals_are_counted_by_their_reason():
+    """Samples that were located are none."""
+    solutions = EulerSolutions.refused(5, Status.UNCERTAIN)
+    solutions.status[[0, 3]] = Status.LOCATED, Status.AMBIGUOUS
+    survey = Survey(WORLD_FRAME, np.arange(5.0), solutions, np.zeros((5, 3)))
+    assert survey.refusals == {Status.UNCERTAIN: 3, Status.AMBIGUOUS: 1}
+
+
+@pytest.mark.parametrize("shape", [(), (4,), (2, 5)])
+def test_standard_errors_are_the_roots_of_each_diagonal(shape):
+    """Of one covariance, or of as many as there are."""
+    roots = np.random.default_rng(4).normal(size=(*shape, 3, 3))
+    errors = standard_errors(roots @ np.swapaxes(roots, -1, -2))
+    assert errors.shape == (*shape, 3)
+    assert errors == pytest.approx(np.sqrt(np.sum(roots**2, axis=-1)))

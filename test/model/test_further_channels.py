@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.further_channels import (
+from tam_calibration.model.recording import (
+    Recording,
     channel_in_words,
     is_further,
     named_by,
@@ -13,7 +14,6 @@ from tam_calibration.model.further_channels import (
     topic_of,
     unit_of,
 )
-from tam_calibration.model.recording import Recording
 
 NAMES = {
     "current_2_A": "currents/current_2",

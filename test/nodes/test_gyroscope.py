@@ -7,9 +7,8 @@ import pytest
 from live_mission import dive, rates_of_dive
 
 from tam_calibration.core.interpolation import AveragedRates
-from tam_calibration.model.conversion import RATE_COLUMNS
 from tam_calibration.model.data_sheet import Gyroscope
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import RATE_COLUMNS, Recording
 from tam_calibration.model.units import from_degrees
 from tam_calibration.recordings import write_array
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.correction.streaming import PartialCorrection
 from tam_calibration.fit import calibrate
 from tam_calibration.localization.solutions import Status, pose_rows
 from tam_calibration.localization.turned_samples import Samples, locate_samples, regional_of, turned

@@ -8,7 +8,7 @@ from rosbags.rosbag2 import Reader, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration.cli.main import main
-from tam_calibration.correction.partial import PartialCorrection
+from tam_calibration.correction.streaming import PartialCorrection
 from tam_calibration.files.text_files import read_text
 from tam_calibration.fit import calibrate
 from tam_calibration.model.exceptions import Refused

@@ -11,8 +11,7 @@ import pytest
 from tam_calibration.correction.calibration import Calibration, Provenance
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.residuals import measure_residuals, noise_floor
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals, noise_floor
 
 INTENSITY_T = 50e-6
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.localization.solutions import EulerSolutions, Status
-from tam_calibration.localization.survey import WORLD_FRAME, Line, Overall, Survey
+from tam_calibration.localization.solutions import WORLD_FRAME, EulerSolutions, Line, Overall, Status, Survey
 from tam_calibration.report.survey_report import (
     MOST_ROWS,
     plot_source_spectrum,

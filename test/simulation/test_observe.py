@@ -14,13 +14,14 @@ from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, Fitte
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.attitude import RandomAttitudes, Tumble
-from tam_calibration.simulation.surroundings import (
+from tam_calibration.simulation.conditions import (
     AttitudeChannel,
     Current,
+    RandomAttitudes,
     ScalarReference,
     SinusoidDrift,
     Temperature,
+    Tumble,
     field_from_elements,
 )
 from tam_calibration.sources.dipole import Dipole

@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.simulation.attitude import Manoeuvre
+from tam_calibration.simulation.conditions import Manoeuvre
 from tam_calibration.sources.demodulation import Stretch, background_of, demodulate, turning_of, without
 
 TIME_S = np.arange(2000) / 100

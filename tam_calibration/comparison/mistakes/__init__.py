@@ -10,7 +10,7 @@ from tam_calibration.comparison.mistakes.noise import mistaken_noise
 from tam_calibration.comparison.mistakes.units import mistaken_stamps, mistaken_units
 from tam_calibration.comparison.mistakes.world import ignored_field, mistaken_field, unturned, without_field
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.fault import Overview
 from tam_calibration.integrity.placement import Motion, placements
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording

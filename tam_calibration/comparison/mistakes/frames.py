@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.integrity.overview import SHARED, Overview
+from tam_calibration.integrity.fault import SHARED, Overview
 from tam_calibration.integrity.placement import (
     FITS,
     Motion,
@@ -21,8 +21,8 @@ from tam_calibration.integrity.placement import (
     placements,
     turn_in_words,
 )
+from tam_calibration.model.exceptions import numbered, sensors_in_words
 from tam_calibration.model.sensor_errors import ORIENTATIONS
-from tam_calibration.model.sensors_in_words import numbered, sensors_in_words
 from tam_calibration.model.units import FloatArray
 
 MIRRORED_FIELDS = {

@@ -22,8 +22,8 @@ from tam_calibration.comparison.mistakes.fast_residuals import (
 )
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
 
 SAME = 0.9

@@ -11,9 +11,9 @@ import numpy as np
 
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray
 
 NEAR = 10.0

@@ -11,10 +11,10 @@ import numpy as np
 from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.core.noise import fast_noise
-from tam_calibration.integrity.overview import Overview
+from tam_calibration.integrity.fault import Overview
 from tam_calibration.integrity.placement import TILT, Motion, Placement
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensors_in_words import sensors_in_words
 from tam_calibration.model.units import FloatArray, to_degrees
 
 _EAST_NORTH_UP = "write the field of the world east, north, up"

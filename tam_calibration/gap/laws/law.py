@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tam_calibration.effects.library import effect_named
-from tam_calibration.model.sensors_in_words import sensors_in_words
+from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.units import FloatArray
 
 Place = tuple[int | str, ...]

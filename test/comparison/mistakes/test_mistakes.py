@@ -14,8 +14,14 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import ORIENTATIONS, SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import Scenario, simulate
-from tam_calibration.simulation.attitude import Manoeuvre, RandomAttitudes, Tumble
-from tam_calibration.simulation.surroundings import AttitudeChannel, ScalarReference, field_from_elements
+from tam_calibration.simulation.conditions import (
+    AttitudeChannel,
+    Manoeuvre,
+    RandomAttitudes,
+    ScalarReference,
+    Tumble,
+    field_from_elements,
+)
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tam_calibration.model.sensors_in_words import sensors_in_words
+from tam_calibration.model.exceptions import sensors_in_words
 
 
 @pytest.mark.parametrize(
