@@ -42,7 +42,7 @@ def nearest(residual: Residual) -> list[int | str]:
 def held(residual: Residual, place: int | str) -> float:
     """Return the energy that a free shift of the rows of a place explains in every sample, beyond that of noise."""
     rows = np.array([3 * residual.sensor_count]) if place == "scalar" else patterns.sensor_rows(int(place))
-    information, products = residual.of_rows(slice(int(rows[0]), int(rows[-1]) + 1))
+    information, products = residual.of_rows(rows)
     trace = np.trace(information, axis1=1, axis2=2).mean()
     if trace <= 0:
         return -np.inf
@@ -82,20 +82,6 @@ def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1
     normal = pattern.normal(residual)
     for part, columns in pattern.parts():
         yield Candidate(part, label, normal.part(columns).fit().evidence - float(np.log(tried)))
-
-
-def elsewhere(residual: Residual, law: Candidate, sensor: int) -> Candidate | None:
-    """Return the law of another sensor, with the same course, in a sensor; None where it cannot have that course."""
-    pattern = law.pattern
-    if law.course == "motion":
-        every = (one for one in patterns.of_motion(residual, sensor) if len(one.axes) == 3)
-        shapes = [one for one in every if (one.law, one.follows) == (pattern.law, pattern.follows)]
-    elif pattern.law in ("offset", "gain", "rate"):
-        shapes = [patterns.of_all_axes(residual, pattern.law, sensor).times(law.drive(residual), pattern.follows)]
-    else:
-        return None
-    tried = [next(_constant(residual, one, law.course, len(shapes))) for one in shapes]
-    return max(tried, key=lambda one: one.evidence, default=None)
 
 
 def _sizes(residual: Residual) -> FloatArray:

@@ -57,23 +57,32 @@ class Sums:
         return band.reshape(width + 1, -1)
 
     @classmethod
-    def of(cls, shifts: FloatArray, information: FloatArray, products: FloatArray, bins: "Bins") -> "Sums":
+    def of(
+        cls,
+        shifts: FloatArray,
+        information: FloatArray,
+        products: FloatArray,
+        bins: "Bins",
+        is_apart: bool = False,
+    ) -> "Sums":
         """Return the sums of shifts of r rows with information (N, r, r) and products (N, r, 1 + q).
 
         Parameters
         ----------
-        shifts : (N, f) or (N, r, p) array
-            As of ``normal_equations``.
+        shifts : (N, f), (N, r, p) or (N, r, f) array
         information, products : array
             Of each sample.
         bins : Bins
+        is_apart : bool
+            As of ``normal_equations``.
         """
-        own, right = normal_equations(*(bins.arranged(one) for one in (shifts, information, products)))
+        arranged = [bins.arranged(one) for one in (shifts, information, products)]
+        own, right = normal_equations(arranged[0], arranged[1], arranged[2], is_apart)
         return cls(own, _fewer(right), bins.place, bins.is_first)
 
-    def part(self, columns: slice, factor: float) -> "Sums":
+    def part(self, columns: NDArray[np.intp], factor: float) -> "Sums":
         """Return the sums of some columns, multiplied by a factor."""
-        own, right = self.information[:, columns, columns], self.products[:, columns]
+        own, right = self.information[:, columns[:, None], columns], self.products[:, columns]
         return Sums(factor**2 * own, _fewer(factor * right), self.place, self.is_first)
 
     def merged(self, bin_count: int) -> "Sums":
@@ -217,7 +226,7 @@ def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def normal_equations(
-    shifts: FloatArray, information: FloatArray, products: FloatArray
+    shifts: FloatArray, information: FloatArray, products: FloatArray, is_apart: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Return the information (B, P, P) on coefficients, and their products (B, P, 1 + q), in bins of m samples.
 
@@ -230,21 +239,28 @@ def normal_equations(
         Of each sample on shifts of the rows.
     products : (B, m, r, 1 + q) array
         Of the responses to the rows with the residual, and with the nuisance directions.
+    is_apart : bool
+        Whether each row has coefficients of its own for values (B, m, r, f) of its own.
     """
     bins, count, rows, _ = information.shape
     width = shifts.shape[-1]
-    if rows == 1:
-        shifts = shifts.reshape(bins, count, 1, width)
-    if shifts.ndim == 4:
+    if is_apart:
+        turned = shifts.transpose(2, 0, 3, 1)
+        weighed = ((information[:, :, one, :, None] * shifts).reshape(bins, count, -1) for one in range(rows))
+        own = np.stack([values @ each for values, each in zip(turned, weighed, strict=True)], axis=1)
+        right = np.stack([values @ products[:, :, one] for one, values in enumerate(turned)], axis=1)
+    elif shifts.ndim == 4 or rows == 1:
         flat = shifts.reshape(bins, -1, width)
-        weighed: FloatArray = (information @ shifts).reshape(flat.shape)
-        turned = np.swapaxes(flat, 1, 2)
-        return turned @ weighed, turned @ products.reshape(bins, count * rows, -1)
-    pairs = (shifts[:, :, :, None] * shifts[:, :, None]).reshape(bins, count, -1)
-    own: FloatArray = np.swapaxes(information.reshape(bins, count, -1), 1, 2) @ pairs
-    own = own.reshape(bins, rows, rows, width, width).swapaxes(2, 3).reshape(bins, rows * width, -1)
-    right: FloatArray = np.swapaxes(shifts, 1, 2) @ products.reshape(bins, count, -1)
-    return own, right.reshape(bins, width, rows, -1).swapaxes(1, 2).reshape(bins, rows * width, -1)
+        own = np.swapaxes(flat, 1, 2) @ (information @ shifts.reshape(bins, count, rows, -1)).reshape(flat.shape)
+        right = np.swapaxes(flat, 1, 2) @ products.reshape(bins, count * rows, -1)
+        return own, right
+    else:
+        pairs = (shifts[:, :, :, None] * shifts[:, :, None]).reshape(bins, count, -1)
+        own = np.swapaxes(information.reshape(bins, count, -1), 1, 2) @ pairs
+        own = own.reshape(bins, rows, rows, width, width).swapaxes(2, 3)
+        right = (np.swapaxes(shifts, 1, 2) @ products.reshape(bins, count, -1)).reshape(bins, width, rows, -1)
+        right = right.swapaxes(1, 2)
+    return own.reshape(bins, rows * width, -1), right.reshape(bins, rows * width, -1)
 
 
 def _fewer(products: FloatArray) -> FloatArray:
@@ -276,15 +292,20 @@ class Normal:
     count: int
 
     @classmethod
-    def of(cls, shifts: FloatArray, information: FloatArray, products: FloatArray) -> "Normal":
-        """Return the equations of shifts (N, f) or (N, r, P), as of ``normal_equations`` in one bin."""
-        own, right = normal_equations(shifts[None], information[None], products[None])
-        most = np.trace(information, axis1=1, axis2=2) @ (shifts**2 if shifts.ndim == 2 else (shifts**2).sum(axis=1))
+    def of(cls, shifts: FloatArray, information: FloatArray, products: FloatArray, is_apart: bool = False) -> "Normal":
+        """Return the equations of shifts (N, f), (N, r, P) or (N, r, f), as of ``normal_equations`` in one bin."""
+        own, right = normal_equations(shifts[None], information[None], products[None], is_apart)
+        trace = np.trace(information, axis1=1, axis2=2)
+        if is_apart:
+            most = np.tensordot(trace, shifts**2, 1).ravel()
+        else:
+            most = trace @ (shifts**2 if shifts.ndim == 2 else (shifts**2).sum(axis=1))
         return cls(own[0], right[0], np.tile(most, len(own[0]) // len(most)), len(shifts))
 
-    def part(self, columns: slice) -> "Normal":
+    def part(self, columns: NDArray[np.intp]) -> "Normal":
         """Return the equations of some columns."""
-        return Normal(self.information[columns, columns], self.products[columns], self.most[columns], self.count)
+        own = self.information[np.ix_(columns, columns)]
+        return Normal(own, self.products[columns], self.most[columns], self.count)
 
     def fit(self) -> Fit:
         """Return the fit of the best common variance of the coefficients."""

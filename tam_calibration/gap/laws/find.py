@@ -1,17 +1,18 @@
 """The search for the laws of a gap: the one of most evidence, then those of what it leaves."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
-from tam_calibration.gap.laws.candidates import candidates, elsewhere, held
+from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
 from tam_calibration.gap.laws.evidence import Bins
 from tam_calibration.gap.laws.law import SCALAR, Course, Place
 from tam_calibration.gap.laws.patterns import Candidate, changed_own_field, switched_gains
+from tam_calibration.gap.laws.sensors import in_its_sensors
 from tam_calibration.gap.laws.states import jumping, sharpened, steps
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
@@ -108,20 +109,15 @@ class Found:
     others : tuple of Candidate
     residual : Residual
         In which it was found.
-    also : tuple of Found
-        The same law with the same course in other sensors.
+    shared : Candidate
+        The law in all sensors in which it is, with its course; the best one where it is in those alone.
     """
 
     best: Candidate
     predicted: float
     others: tuple[Candidate, ...]
     residual: Residual
-    also: tuple["Found", ...] = ()
-
-    @property
-    def everywhere(self) -> tuple["Found", ...]:
-        """The law in each of its sensors."""
-        return self, *self.also
+    shared: Candidate
 
     def left_in(self, residual: Residual) -> float:
         """Return the energy, in units of the noise, that the same law fitted anew predicts of another residual.
@@ -131,11 +127,11 @@ class Found:
         residual : Residual
             Of the same samples, such as with a cause taken off.
         """
-        return predicted_energy(_halves(self.alike(residual)), self.best) / self.residual.noise
+        return predicted_energy(_halves(self.alike(residual)), self.shared) / self.residual.noise
 
     def signal(self, residual: Residual, training: Residual) -> FloatArray:
         """Return what the law adds to the channels (N, C) of a residual, fitted to one in the units of its own."""
-        return np.asarray(self.best.signal(residual, training) * self.residual.noise**-0.5)
+        return np.asarray(self.shared.signal(residual, training) * self.residual.noise**-0.5)
 
     def alike(self, residual: Residual) -> Residual:
         """Return another residual with the samples and in the units of the one in which the law was found.
@@ -173,41 +169,15 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
         if accepted is None:
             break
         best, predicted = accepted
+        shared = in_its_sensors(scaled, best)
+        if shared is not best:
+            predicted = predicted_energy(_halves(scaled), shared)
         predicted *= factor**2
         if found and predicted < LEAST_SHARE * max(whole, residual.excess, 1.0):
             break
-        first = Found(best, predicted, tuple(tried), scaled)
-        also, residual = _elsewhere(residual.without(first.signal(scaled, scaled)), first, factor)
-        found.append(replace(first, also=also))
+        found.append(Found(best, predicted, tuple(tried), scaled, shared))
+        residual = residual.without(found[-1].signal(scaled, scaled))
     return found, residual
-
-
-def _elsewhere(residual: Residual, first: Found, factor: float) -> tuple[tuple[Found, ...], Residual]:
-    """Return a law of a sensor in others, with the same course, where it is most of the residual, and what remains.
-
-    Parameters
-    ----------
-    residual : Residual
-        Without the law of that sensor.
-    first : Found
-        That law; one of the scalar or of several sensors is in no other.
-    factor : float
-        Noise of a model that is wrong by ``TOLERANCE``.
-    """
-    found, law = list[Found](), first.best
-    is_of_sensor = len(law.pattern.sensors) == 1 and law.pattern.sensors != SCALAR
-    others = [one for one in range(1, residual.sensor_count + 1) if one not in law.pattern.sensors]
-    for sensor in others if is_of_sensor else ():
-        scaled = residual.scaled(factor)
-        also = elsewhere(scaled, law, sensor)
-        if also is None or also.evidence < LEAST_EVIDENCE:
-            continue
-        predicted = predicted_energy(_halves(scaled), also)
-        # Models are wrong by a part of the law.
-        if predicted > max(MOST * held(scaled, sensor), NEGLIGIBLE * first.predicted / factor**2):
-            found.append(Found(also, predicted * factor**2, (also,), scaled))
-            residual = residual.without(found[-1].signal(scaled, scaled))
-    return tuple(found), residual
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:

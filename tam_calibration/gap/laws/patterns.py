@@ -1,6 +1,6 @@
 """What laws do to the residual: the columns of a pattern at each place."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations_with_replacement
@@ -32,16 +32,18 @@ class Pattern:
     axes : tuple of str
         The axes that are disturbed.
     rows : (r,) array
-        Rows that it shifts; they follow each other.
-    shifts : (N, f) or (N, r, p) array
+        Rows that it shifts.
+    shifts : (N, f), (N, r, p) or (N, r, f) array
         What a coefficient of one shifts each row by, in units of the field or of the row: f values, for which each row
-        has coefficients of its own, p = r f; or what each of p coefficients does to all rows.
+        has coefficients of its own, p = r f; or what each of p coefficients does to all rows; or f values of each row.
     follows : str, optional
         A recorded channel, "motion", "attitude", or a frequency.
     drive : (N, c) array, optional
         What the shifts are multiplied by.
     matrix : (r, 3) array, optional
         From the field to the rows, where each component of the field at all sensors has coefficients of its own.
+    is_apart : bool
+        Whether each row has values and coefficients of its own.
     """
 
     law: str
@@ -52,10 +54,14 @@ class Pattern:
     follows: str | None = None
     drive: FloatArray | None = None
     matrix: FloatArray | None = None
+    is_apart: bool = False
 
     @property
     def features(self) -> FloatArray:
         """(N, r, p) shift of each row by each coefficient."""
+        if self.is_apart:
+            eye = np.eye(len(self.rows))
+            return np.asarray((eye[:, :, None] * self.shifts[:, :, None]).reshape(len(self.shifts), len(self.rows), -1))
         if self.shifts.ndim == 3:
             return self.shifts
         return _each(self.shifts, np.eye(len(self.rows)) if self.matrix is None else self.matrix)
@@ -64,16 +70,17 @@ class Pattern:
     def width(self) -> int:
         """Number of coefficients p."""
         each = len(self.rows) if self.matrix is None else self.matrix.shape[1]
-        return int(self.shifts.shape[-1]) * (1 if self.shifts.ndim == 3 else each)
+        return int(self.shifts.shape[-1]) * (1 if self.shifts.ndim == 3 and not self.is_apart else each)
 
-    def parts(self) -> Iterator[tuple["Pattern", slice]]:
+    def parts(self) -> Iterator[tuple["Pattern", NDArray[np.intp]]]:
         """Yield it, and where the axes of a sensor have coefficients of their own each axis, with their columns."""
-        yield self, slice(None)
-        if self.shifts.ndim == 2 and len(self.rows) == len(AXES):
-            width = self.shifts.shape[1]
-            for axis, name in enumerate(AXES):
+        columns = np.arange(self.width)
+        yield self, columns
+        if len(self.rows) == len(AXES) and (self.shifts.ndim == 2 or self.is_apart):
+            for axis, own in enumerate(np.split(columns, len(AXES))):
+                shifts = self.shifts[:, axis] if self.is_apart else self.shifts
                 rows = self.rows[axis : axis + 1]
-                yield replace(self, axes=(name,), rows=rows), slice(axis * width, (axis + 1) * width)
+                yield replace(self, axes=(AXES[axis],), rows=rows, shifts=shifts, is_apart=False), own
 
     def columns(self, residual: Residual) -> FloatArray:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
@@ -83,7 +90,7 @@ class Pattern:
         """Return the information (N, r, r) on shifts of its rows, or of the field, and the products (N, r, 1 + q)."""
         if self.matrix is not None:
             return residual.of_field()
-        return residual.of_rows(slice(int(self.rows[0]), int(self.rows[-1]) + 1))
+        return residual.of_rows(self.rows)
 
     def size(self, residual: Residual) -> float:
         """Return the root mean square of the columns of its features; infinite where the channels do not see them."""
@@ -91,6 +98,9 @@ class Pattern:
         trace = np.trace(information, axis1=1, axis2=2)
         if self.shifts.ndim == 2:
             square = most = float(trace @ np.sum(self.shifts**2, axis=1))
+        elif self.is_apart:
+            square = float(np.einsum("nrr,nrf->", information, self.shifts**2))
+            most = float(trace @ np.sum(self.shifts**2, axis=(1, 2)))
         else:
             square = float(np.sum(self.shifts * (information @ self.shifts)))
             most = float(trace @ np.sum(self.shifts**2, axis=(1, 2)))
@@ -98,11 +108,11 @@ class Pattern:
 
     def normal(self, residual: Residual) -> Normal:
         """Return the normal equations of constant coefficients."""
-        return Normal.of(self.shifts, *self.of_rows(residual))
+        return Normal.of(self.shifts, *self.of_rows(residual), self.is_apart)
 
     def sums(self, residual: Residual, bins: Bins) -> Sums:
         """Return the sums of the columns in bins."""
-        return Sums.of(self.shifts / self.size(residual), *self.of_rows(residual), bins)
+        return Sums.of(self.shifts / self.size(residual), *self.of_rows(residual), bins, self.is_apart)
 
     def times(self, course: FloatArray, follows: str | None = None) -> "Pattern":
         """Return the pattern with shifts times courses (N, c)."""
@@ -159,23 +169,43 @@ def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
     yield from _scaling("rate", sensor, residual.sensed_rate)
 
 
-def of_all_axes(residual: Residual, law: str, sensor: int) -> Pattern:
-    """Return an offset, gain or rate of all axes of a sensor."""
-    values = {"offset": np.ones((residual.count, 1)), "gain": residual.field, "rate": residual.rate}
-    return _whole(law, sensor, values[law])
+def in_every_sensor(residual: Residual, law: "Candidate") -> Pattern | None:
+    """Return a law with its course in all sensors, each with coefficients of its own; None for one of a common field.
+
+    Parameters
+    ----------
+    residual : Residual
+    law : Candidate
+        Of an axis, a sensor or several.
+    """
+    pattern, drive = law.pattern, law.drive(residual)
+    if pattern.law == "own_field":
+        own = functions_of_readings(residual, range(3 * residual.sensor_count), has_line=bool(law.steps))
+        return replace(_every(pattern.law, residual, own * drive[:, None, :1], pattern.follows), is_apart=True)
+    steady = {"offset": np.ones((residual.count, 1)), "gain": residual.field, "rate": residual.rate}
+    is_narrow = pattern.shifts.ndim == 3 or pattern.shifts.shape[1] == (1 if pattern.drive is None else drive.shape[1])
+    if pattern.matrix is not None or (is_narrow and pattern.law not in steady):
+        return None
+    if not is_narrow and pattern.drive is not None:
+        return _every(pattern.law, residual, pattern.shifts, pattern.follows)
+    values = steady[pattern.law] if is_narrow else pattern.shifts
+    return _every(pattern.law, residual, values, pattern.follows).times(drive, pattern.follows)
+
+
+def functions_of_readings(residual: Residual, rows: Sequence[int], has_line: bool) -> FloatArray:
+    """Return functions (N, r, F) of what axes sense, with those that offsets and gains are or without."""
+    parts = [_own_functions(residual, row) for row in rows]
+    if has_line:
+        one = np.ones(residual.count)
+        parts = [np.column_stack([one, residual.sensed[:, row], part]) for row, part in zip(rows, parts, strict=True)]
+    return np.stack(parts, axis=1)
 
 
 def changed_own_field(residual: Residual, sensor: int, axes: tuple[str, ...]) -> Pattern:
     """Return functions of the own readings of some axes of a sensor, with those that offsets and gains are."""
-    rows, chosen = sensor_rows(sensor), [AXES.index(axis) for axis in axes]
-    parts = []
-    for axis in chosen:
-        reading = residual.sensed[:, rows[axis]]
-        own = np.column_stack([np.ones(residual.count), reading, _own_functions(residual, rows[axis])])
-        part = np.zeros((residual.count, len(axes), own.shape[1]))
-        part[:, chosen.index(axis)] = own
-        parts.append(part)
-    return Pattern("own_field", (sensor,), axes, rows[chosen], np.concatenate(parts, axis=2))
+    rows = sensor_rows(sensor)[[AXES.index(axis) for axis in axes]]
+    own = functions_of_readings(residual, rows.tolist(), has_line=True)
+    return Pattern("own_field", (sensor,), axes, rows, own, is_apart=True)
 
 
 def switched_gains(residual: Residual, sensor: int) -> list[Pattern]:
@@ -228,12 +258,7 @@ def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
     rows = sensor_rows(sensor)
     for axis, row in enumerate(rows):
         yield _axis("own_field", sensor, axis, _beyond(residual, row))
-    parts = [_own_functions(residual, row) for row in rows]
-    for axis in range(3):
-        yield _axis("own_field", sensor, axis, parts[axis])
-    features = np.zeros((3, residual.count, 3, parts[0].shape[1]))
-    features[range(3), :, range(3)] = parts
-    yield _whole("own_field", sensor, np.concatenate(features, axis=2))
+    yield replace(_whole("own_field", sensor, functions_of_readings(residual, rows.tolist(), False)), is_apart=True)
 
 
 def _beyond(residual: Residual, row: int) -> FloatArray:
@@ -379,7 +404,8 @@ class Candidate:
             return Normal.of(self.features(residual), *self.pattern.of_rows(residual)).fit()
         if self.bins is None:
             pattern = self.pattern
-            return Normal.of(pattern.shifts / pattern.size(residual), *pattern.of_rows(residual)).fit()
+            shifts = pattern.shifts / pattern.size(residual)
+            return Normal.of(shifts, *pattern.of_rows(residual), pattern.is_apart).fit()
         return course(self.pattern.sums(residual, self.bins), self.length, np.array([self.variance]), with_errors)
 
     def signal(self, residual: Residual, training: Residual) -> FloatArray:

@@ -92,7 +92,7 @@ def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
     laws, found = _signatures(residual, whole)
     each = [
-        Law(law, law.energy * whole / total, found[index].everywhere if index < len(found) else (), residual)
+        Law(law, law.energy * whole / total, tuple(found[index : index + 1]), residual)
         for index, law in enumerate(laws)
     ]
     kept = [
@@ -170,7 +170,7 @@ def _common_noise(residual: Residual) -> list[Signature]:
 def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual:
     """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
     z = residual.z.copy()
-    for one in (also for first in found for also in first.everywhere):
+    for one in found:
         z -= one.signal(residual, one.residual)
     own = residual.nuisance.reshape(z.size, -1)
     taken = (residual.nuisance * quiet.live[:, None, None]).reshape(z.size, -1)
@@ -229,9 +229,7 @@ def _lattice(residual: Residual) -> Signature | None:
 
 
 def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
-    best, pattern, places, every = found.best, found.best.pattern, _places(found), found.everywhere
-    if found.also:
-        places = (tuple(sorted(sensor for one in every for sensor in one.best.pattern.sensors)),)
+    best, pattern, places = found.best, found.shared.pattern, _places(found)
     times_s: tuple[float, ...] = ()
     if best.bins is not None and best.steps:
         starts = best.bins.order[list(best.steps)]
@@ -240,8 +238,8 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
         pattern.law,
         best.course,
         places[0],
-        tuple(AXES) if found.also else pattern.axes,
-        sum(min(one.predicted, max(one.residual.excess / one.residual.noise, 1.0)) for one in every) / whole,
+        pattern.axes,
+        min(found.predicted, max(found.residual.excess / found.residual.noise, 1.0)) / whole,
         places,
         pattern.follows or ("motion" if best.course == "motion" else None),
         times_s,
@@ -251,8 +249,10 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
 
 
 def _places(found: Found) -> tuple[Place, ...]:
-    best = found.best
-    possible = places_of(best.pattern.sensors, best.signal(found.residual, found.residual), found.residual)
+    best, shared = found.best, found.shared
+    possible = places_of(shared.pattern.sensors, shared.signal(found.residual, found.residual), found.residual)
+    if shared is not best:
+        return possible
     least = max(best.evidence, found.others[0].evidence) - TIE
     others = [one.pattern.sensors for one in found.others if one.evidence >= least and one.pattern.sensors != SCALAR]
     return tuple(dict.fromkeys((*possible, *others)))

@@ -14,7 +14,7 @@ from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.gap.world import turns
 from tam_calibration.model.units import FloatArray, IntArray
 
-_LAST_BY_ROWS: "WeakKeyDictionary[Residual, dict[tuple[int, int], tuple[FloatArray, FloatArray]]]" = WeakKeyDictionary()
+_LAST_BY_ROWS: "WeakKeyDictionary[Residual, dict[tuple[int, ...], tuple[FloatArray, FloatArray]]]" = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +116,10 @@ class Residual:
 
     def of_field(self) -> tuple[FloatArray, FloatArray]:
         """Return the information (N, 3, 3) on shifts of the field at all sensors, and their products (N, 3, 1 + q)."""
-        information, products = self.of_rows(slice(0, 3 * self.sensor_count))
+        information, products = self.of_rows(np.arange(3 * self.sensor_count))
         return self.matrix.T @ information @ self.matrix, self.matrix.T @ products
 
-    def of_rows(self, rows: slice) -> tuple[FloatArray, FloatArray]:
+    def of_rows(self, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return the information (N, r, r) on shifts of some rows, and their products (N, r, 1 + q).
 
         These are products with the residual and the nuisance directions. They are large, and only those of the last
@@ -127,13 +127,12 @@ class Residual:
 
         Parameters
         ----------
-        rows : slice
-            The r rows.
+        rows : (r,) array
         """
         if self not in _LAST_BY_ROWS:
             _LAST_BY_ROWS.clear()
             _LAST_BY_ROWS[self] = {}
-        known, key = _LAST_BY_ROWS[self], (rows.start, rows.stop)
+        known, key = _LAST_BY_ROWS[self], tuple(rows.tolist())
         if key not in known:
             response = self.response[:, :, rows]
             turned: FloatArray = np.swapaxes(response, 1, 2)

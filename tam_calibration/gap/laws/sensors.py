@@ -1,0 +1,85 @@
+"""The sensors in which a law is: they share its course, and each has coefficients of its own."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tam_calibration.effects.grades import MOST, NEGLIGIBLE
+from tam_calibration.gap.laws.candidates import held
+from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE
+from tam_calibration.gap.laws.law import SCALAR
+from tam_calibration.gap.laws.patterns import Candidate, Pattern, in_every_sensor, sensor_rows
+from tam_calibration.gap.laws.whitened import Residual
+
+_Fitted = Callable[[Sequence[int]], Candidate]
+"""A law in some sensors, numbers from 1 in order, fitted together."""
+
+
+def in_its_sensors(residual: Residual, law: Candidate) -> Candidate:
+    """Return a law in all sensors in which it is, fitted together; itself where these are those in which it was found.
+
+    Parameters
+    ----------
+    residual : Residual
+    law : Candidate
+        Of one sensor or several. One of the scalar, or of a field that all sensors feel, stays as it is.
+    """
+    every = None if law.pattern.sensors == SCALAR else in_every_sensor(residual, law)
+    if every is None or residual.sensor_count == 1:
+        return law
+    normal, width = every.normal(residual), every.width // residual.sensor_count
+
+    def of(sensors: Sequence[int]) -> Candidate:
+        columns = np.concatenate([np.arange(width * (one - 1), width * one) for one in sensors])
+        return Candidate(_in(every, sensors), law.course, normal.part(columns).fit().evidence)
+
+    all_of_them = range(1, residual.sensor_count + 1)
+    first = int(law.pattern.sensors[0])
+    best = _in_fewer(of(all_of_them), of) if len(law.pattern.sensors) > 1 else _in_more(residual, of([first]), of)
+    if 1 < len(best.pattern.sensors) == residual.sensor_count - 1:
+        # Only differences between sensors are seen: what all have, all but one can have as well.
+        best = of(all_of_them)
+    return law if best.pattern.sensors == law.pattern.sensors else best
+
+
+def _in_fewer(best: Candidate, of: _Fitted) -> Candidate:
+    """Return a law without the sensors that do not count."""
+    while len(sensors := _sensors_of(best)) > 1:
+        fewer = max((of([one for one in sensors if one != left]) for left in sensors), key=lambda one: one.evidence)
+        if _counts(fewer, best):
+            break
+        best = fewer
+    return best
+
+
+def _in_more(residual: Residual, best: Candidate, of: _Fitted) -> Candidate:
+    """Return a law with the sensors that count, and in which it explains most of what is left."""
+    every_sensor = range(1, residual.sensor_count + 1)
+    while others := [one for one in every_sensor if one not in _sensors_of(best)]:
+        more = {one: of(sorted([*_sensors_of(best), one])) for one in others}
+        added = max(others, key=lambda one: more[one].evidence)
+        if not _counts(best, more[added]):
+            break
+        left = held(residual.without(best.signal(residual, residual)), added)
+        if 2 * (more[added].evidence - best.evidence) < MOST * left:
+            break
+        best = more[added]
+    return best
+
+
+def _counts(fewer: Candidate, more: Candidate) -> bool:
+    """Say whether one more sensor counts, and is not only what errors of a law elsewhere leave."""
+    gain, each = more.evidence - fewer.evidence, more.evidence / len(more.pattern.sensors)
+    return gain > max(LEAST_EVIDENCE, NEGLIGIBLE * each)
+
+
+def _sensors_of(law: Candidate) -> list[int]:
+    return [int(one) for one in law.pattern.sensors]
+
+
+def _in(every: Pattern, sensors: Sequence[int]) -> Pattern:
+    """Return a pattern of all sensors in some of them."""
+    rows = np.concatenate([sensor_rows(one) for one in sensors])
+    shifts = every.shifts[:, rows] if every.is_apart else every.shifts
+    return replace(every, sensors=tuple(sensors), rows=rows, shifts=shifts)
