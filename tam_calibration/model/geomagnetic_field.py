@@ -22,8 +22,8 @@ _Coefficients = NDArray[np.complex128]
 _FILE = Path(__file__).with_name("IGRF14.shc")
 
 
-_EQUATORIAL_RADIUS_M, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
-"""Of the ellipsoid WGS84."""
+EQUATORIAL_RADIUS_M, _ECCENTRICITY_SQUARED = 6378137.0, 0.00669437999014
+"""Of the ellipsoid WGS 84 (NIMA TR8350.2)."""
 
 
 def _field(position_m: FloatArray, coefficients: _Coefficients) -> FloatArray:
@@ -233,13 +233,24 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
     first, *_, last = (date.fromordinal(each).year for each in _published()[0])
     if not first <= day.year < last:
         raise InputError(f"the geomagnetic model IGRF-14 is valid from {first} to {last - 1}, not in {day.year}")
-    latitude, longitude = from_degrees(latitude_deg), from_degrees(longitude_deg)
-    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
-    up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
-    across_m = _EQUATORIAL_RADIUS_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
-    position_m = up * (across_m + height_m - np.array([0.0, 0.0, _ECCENTRICITY_SQUARED * across_m]))
-    field_nT = _field(position_m, _coefficients(day))
-    return from_nanotesla(np.array([east, np.cross(up, east), up]) @ field_nT)
+    place = np.array([latitude_deg, longitude_deg, height_m])
+    return from_nanotesla(axes_at(place) @ _field(earth_centred(place), _coefficients(day)))
+
+
+def axes_at(place: FloatArray) -> FloatArray:
+    """Return the unit vectors (…, 3, 3) east, north and up at places (…, 3), from the Earth's centre."""
+    latitude, longitude = from_degrees(np.moveaxis(place[..., :2], -1, 0))
+    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    east = np.stack([-sin_lon, cos_lon, np.zeros_like(latitude)], axis=-1)
+    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=-1)
+    return np.stack([east, north, np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat], axis=-1)], axis=-2)
+
+
+def earth_centred(place: FloatArray) -> FloatArray:
+    """Return geographic positions (…, 3), degrees and metres above the ellipsoid, in metres from the Earth's centre."""
+    up = axes_at(place)[..., 2, :]
+    across_m = EQUATORIAL_RADIUS_M / np.sqrt(1 - _ECCENTRICITY_SQUARED * up[..., 2:] ** 2)
+    return np.asarray(up * (across_m + place[..., 2:] - np.array([0.0, 0.0, _ECCENTRICITY_SQUARED]) * across_m))
 
 
 def field_at(place: str) -> FloatArray:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.messages.missing import FAR, Range, codes_of, in_words
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.geomagnetic_field import FieldBounds
+from tam_calibration.model.geomagnetic_field import EQUATORIAL_RADIUS_M, FieldBounds, axes_at, earth_centred
 from tam_calibration.model.units import (
     TESLA_PER_FIELD_UNIT,
     FloatArray,
@@ -37,9 +37,6 @@ POSITION_FIELDS = {
     "sensor_msgs/msg/NavSatFix": ("latitude", "longitude", "altitude"),
 }
 """Fields of the position in the types of ROS that hold one."""
-
-_RADIUS_M, _FLATTENING = 6_378_137.0, 1 / 298.257223563
-"""Equatorial radius and flattening of the ellipsoid WGS 84 (NIMA TR8350.2)."""
 
 
 def axes_of(fields: Sequence[str]) -> Axes:
@@ -111,7 +108,7 @@ def east_north_up(places: FloatArray, origin: FloatArray) -> FloatArray:
     origin : (3,) array
         The same of the origin.
     """
-    return np.asarray((_earth_centred(places) - _earth_centred(origin[None])) @ _axes_at(origin).T)
+    return np.asarray((earth_centred(places) - earth_centred(origin)) @ axes_at(origin).T)
 
 
 def geographic(local_m: FloatArray, origin: FloatArray) -> FloatArray:
@@ -124,35 +121,16 @@ def geographic(local_m: FloatArray, origin: FloatArray) -> FloatArray:
     origin : (3,) array
         Latitude and longitude, degrees, and height above the ellipsoid, metres.
     """
-    places, turn = np.tile(origin, (len(local_m), 1)), _axes_at(origin)
+    places, turn = np.tile(origin, (len(local_m), 1)), axes_at(origin)
     off, before = local_m @ turn, np.inf
     while (size := np.abs(off).max(initial=0.0)) < before:
         before = size
-        for place, step in zip(places, off, strict=True):
-            east, north, up = _axes_at(place) @ step
-            radius = _RADIUS_M + place[2]
-            shrunk = radius * np.cos(from_degrees(place[0]))
-            place += [to_degrees(north / radius), to_degrees(east / shrunk), up]
+        east, north, up = np.einsum("nij,nj->in", axes_at(places), off)
+        radius = EQUATORIAL_RADIUS_M + places[:, 2]
+        shrunk = radius * np.cos(from_degrees(places[:, 0]))
+        places += np.column_stack([to_degrees(north / radius), to_degrees(east / shrunk), up])
         off = (local_m - east_north_up(places, origin)) @ turn
     return places
-
-
-def _axes_at(origin: FloatArray) -> FloatArray:
-    """Return the unit vectors (3, 3) east, north and up at a place, from the Earth's centre."""
-    latitude, longitude = from_degrees(origin[:2])
-    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    east, north = (-sin_lon, cos_lon, 0.0), (-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat)
-    return np.array([east, north, (cos_lat * cos_lon, cos_lat * sin_lon, sin_lat)])
-
-
-def _earth_centred(places: FloatArray) -> FloatArray:
-    """Return geographic positions (n, 3) in metres from the Earth's centre."""
-    latitude, longitude = from_degrees(places[:, :2].T)
-    squeeze = 1 - _FLATTENING * (2 - _FLATTENING)
-    curvature = _RADIUS_M / np.sqrt(1 - (1 - squeeze) * np.sin(latitude) ** 2)
-    across = (curvature + places[:, 2]) * np.cos(latitude)
-    up = (squeeze * curvature + places[:, 2]) * np.sin(latitude)
-    return np.column_stack([across * np.cos(longitude), across * np.sin(longitude), up])
 
 
 _JUMP = 0.75
