@@ -16,7 +16,7 @@ from tam_calibration.fit import published
 from tam_calibration.fit.attitude_check import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, doubts_of
 from tam_calibration.fit.estimate import OURS, widened
-from tam_calibration.fit.information import FEWEST_SAMPLES, newton_step, require_determined
+from tam_calibration.fit.information import newton_step, require_determined
 from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
@@ -28,7 +28,7 @@ from tam_calibration.fit.what_changed import despite_changes, naming_changes, wh
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import SKETCH, SampleSource
+from tam_calibration.model.recording import FEWEST_SAMPLES, SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import Residuals, measure_residuals
 from tam_calibration.model.units import FloatArray
 

@@ -14,12 +14,8 @@ from numpy.typing import NDArray
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.model.array import Array, KnownNoiseArray
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import FEWEST_SAMPLES, Recording, SampleSource
 from tam_calibration.model.units import FloatArray
-
-_FEWEST = 30
-"""Samples of the shortest part: three times those through which any ellipsoid passes."""
-
 
 _CHANCE = 1e-6
 """Probability that chance gains as much at given times, of which thousands are tried."""
@@ -78,9 +74,9 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     channels = 3 * array.sensor_count + 1
     # 400_000: products that are summed for each sample, times the samples: 3 MB of cumulative sums. More samples are
     # thinned.
-    some = recording.thinned(max(10 * _FEWEST, 400_000 // (channels**2 + 11 * channels)))
+    some = recording.thinned(max(30 * FEWEST_SAMPLES, 400_000 // (channels**2 + 11 * channels)))
     count = some.sample_count
-    if count < 2 * _FEWEST:
+    if count < 6 * FEWEST_SAMPLES:
         return None
     noisy, _ = complete_noise(array, some)
     sums = _Sums.of(some, noisy)
@@ -177,7 +173,9 @@ class _Sums:
         low = 0 if start is None else start
         inside = spans[:, 1] - spans[:, 0]
         outside = (whole if start is None else spans[:, 1] - low) - inside
-        is_possible = (spans[:, 0] > low) & (inside >= _FEWEST) & (outside >= _FEWEST) & (spans[:, 1] <= whole)
+        # Of each part three times the samples through which any ellipsoid passes.
+        is_long = np.minimum(inside, outside) >= 3 * FEWEST_SAMPLES
+        is_possible = (spans[:, 0] > low) & is_long & (spans[:, 1] <= whole)
         spans = spans[is_possible]
         if not len(spans):
             return np.array([whole, whole]), 0.0

@@ -14,12 +14,12 @@ from tam_calibration.correction.acceptance import WRONG_PART
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
-from tam_calibration.fit.information import FEWEST_SAMPLES, require_accurate
+from tam_calibration.fit.information import require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.reference import FOLLOWS
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import SKETCH, SampleSource
+from tam_calibration.model.recording import FEWEST_SAMPLES, SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import residual_series
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
 

@@ -40,7 +40,7 @@ from tam_calibration.fit.ellipsoid import (
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused
-from tam_calibration.model.recording import BLOCK, SKETCH, Recording, SampleSource
+from tam_calibration.model.recording import BLOCK, FEWEST_SAMPLES, SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
@@ -354,10 +354,6 @@ def _split(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     values, vectors = np.linalg.eigh(information)
     seen = values > 1e-13 * values[-1]
     return (vectors[:, seen] / values[seen]) @ vectors[:, seen].T, vectors[:, ~seen]
-
-
-FEWEST_SAMPLES = 9
-"""An ellipsoid has nine parameters, and each sample gives one intensity."""
 
 
 def require_determined(recording: SampleSource, array: Array, is_uniform: bool = True) -> None:

@@ -10,10 +10,7 @@ from tam_calibration.integrity.placement import left_handed
 from tam_calibration.integrity.repeated import Copies, FrozenAxes
 from tam_calibration.integrity.values import at_ends, in_other_units, in_steps, with_stuck_bits
 from tam_calibration.model.array import Array
-from tam_calibration.model.recording import Recording, SampleSource
-
-ENOUGH_TO_CHECK = 18
-"""Samples: two for each of the nine parameters of an ellipsoid, so that one half of them checks the other."""
+from tam_calibration.model.recording import FEWEST_SAMPLES, Recording, SampleSource
 
 _SCREENED = ("frozen", "unit", "zero")
 """Faults that single readings can have."""
@@ -31,7 +28,7 @@ def faults_of(source: SampleSource, array: Array) -> list[Fault]:
     array : Array
         Noise of these sensors where it is stated, and what the intensity of the field can be.
     """
-    if source.sample_count < ENOUGH_TO_CHECK:
+    if source.sample_count < 2 * FEWEST_SAMPLES:
         return []
     overview, faults = Overview.of(source), list[Fault]()
     with np.errstate(all="ignore"):  # readings may be any finite numbers
@@ -128,8 +125,8 @@ def require_enough(sample_count: int, accept: Collection[str] = ()) -> None:
     Refused
         When there are too few.
     """
-    if sample_count < ENOUGH_TO_CHECK and "few_samples" not in accept:
+    if sample_count < 2 * FEWEST_SAMPLES and "few_samples" not in accept:
         sentence = (
-            f"{sample_count} samples leave too few to check a fit on: record {ENOUGH_TO_CHECK} or more, better 50"
+            f"{sample_count} samples leave too few to check a fit on: record {2 * FEWEST_SAMPLES} or more, better 50"
         )
         refuse([Fault("few_samples", None, "", (0.0, 0.0), sentence)])

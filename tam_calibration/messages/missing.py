@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.messages.point_cloud import is_channel
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, first_at
+from tam_calibration.model.recording import FEWEST_SAMPLES
 from tam_calibration.model.units import FloatArray
 
 REASONS = ("there", "NaN or blank", "zero on all axes", "sentinels", "far outside the range of the others")
@@ -25,10 +26,6 @@ _LEAST_OF_TYPES = tuple(float(np.iinfo(kind).min) for kind in (np.int16, np.int3
 
 _DUMMIES = (*_LEAST_OF_TYPES, 32767.0, 65535.0, 2147483647.0, 4294967295.0, -9999.0, 9999.0, 99999.0, 88888.0)
 """Numbers that stand for no reading where all axes have them: ends of types, and those of data formats."""
-
-
-_FEWEST = 18
-"""Readings that tell the range of a sensor: two for each parameter of an ellipsoid."""
 
 
 MOST_MISSING = 0.501
@@ -85,7 +82,7 @@ class Range:
     @classmethod
     def of(cls, stream: str, raw: FloatArray) -> "Range":
         """Return the range that readings show, (n, width) without those that are missing; all where they are few."""
-        if len(raw) < _FEWEST or (is_channel(stream) and stream != "scalar"):
+        if len(raw) < 2 * FEWEST_SAMPLES or (is_channel(stream) and stream != "scalar"):
             return cls(np.zeros(raw.shape[1]), np.inf)
         # So many readings give the ninth decile to a hundredth.
         raw = raw[:: len(raw) // 4096 + 1]
@@ -190,7 +187,7 @@ class _GrowingRange:
 
     def __init__(self, stream: str) -> None:
         self._stream, self._kept = stream, list[Sequence[float]]()
-        self._seen, self._due, self._stride = 0, _FEWEST, 1
+        self._seen, self._due, self._stride = 0, 2 * FEWEST_SAMPLES, 1
         self._center, self._reach = [0.0], math.inf
 
     def is_beyond(self, raw: Sequence[float]) -> bool:

@@ -243,6 +243,9 @@ SKETCH = 100_000
 """Samples at most that are looked at where more would not change the judgement."""
 
 
+FEWEST_SAMPLES = 9
+"""An ellipsoid has nine parameters, and each sample gives one intensity. Twice as many let one half check the other."""
+
 MOST_SENSORS = 64
 """Of an array: the covariance of their errors is then a table of 768 by 768 numbers."""
 

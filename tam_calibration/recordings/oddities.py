@@ -10,6 +10,7 @@ from tam_calibration.messages.message_fields import stamp_fields, stamps_of
 from tam_calibration.messages.missing import FAR, NAN, REASONS, Range, are, codes_of
 from tam_calibration.messages.samples import Progress, StreamMessages
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import FEWEST_SAMPLES, SKETCH
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.intake import Counter
 from tam_calibration.recordings.row_source import RowSource, joined_cells
@@ -189,13 +190,6 @@ def _series(wanted: Wanted, parts: tuple[IntArray, FloatArray] | None, fault: st
     return Series(table, fields, values, None, times_ns, "the recorder's times")
 
 
-_LOOKED_AT = 50_000
-"""Readings that show the size of a field, its range and how readings follow each other: more show no more."""
-
-_FEWEST = 20
-"""Messages of a table that is looked at: fewer show no rate."""
-
-
 def of_times(series: Series) -> list[str]:
     """Return what is odd about the times of a table.
 
@@ -212,7 +206,7 @@ def of_times(series: Series) -> list[str]:
     if len(series.table.frames) > 1:
         remarks.append(f"messages are of several frames, {', '.join(series.table.frames[:4])}: two publishers?")
     stamps_ns, received_ns, times_ns = series.stamps_ns, series.received_ns, series.times_ns
-    if times_ns is None or len(times_ns) < _FEWEST:
+    if times_ns is None or len(times_ns) < 2 * FEWEST_SAMPLES:
         return remarks
     if series.are_stamps_zero:
         remarks.append("all stamps are zero: the recorder's times are used")
@@ -290,7 +284,7 @@ def _clocks(stamps_ns: IntArray, received_ns: IntArray) -> list[str]:
 
 def thinned(values: FloatArray) -> FloatArray:
     """Return some of the readings (n, width), evenly spread: enough for their size and their range."""
-    return values[:: len(values) // _LOOKED_AT + 1]
+    return values[:: len(values) // SKETCH + 1]
 
 
 def missing_of(values: FloatArray, is_field: bool) -> tuple[NDArray[np.int8], dict[str, int]]:
@@ -334,7 +328,7 @@ def of_readings(values: FloatArray, is_field: bool, codes: NDArray[np.int8], tim
         first = "" if times_ns is None else f", first {_at(int(np.argmax(is_odd)), times_ns)}"
         remarks.append(f"{_of(is_odd)} readings {are(code, int(is_odd.sum()))}{first}")
     there = values[codes == 0] if codes.any() else values
-    if len(there) < _FEWEST:
+    if len(there) < 2 * FEWEST_SAMPLES:
         return remarks
     if (there == there[0]).all():
         return [*remarks, "readings never change"]
@@ -343,7 +337,7 @@ def of_readings(values: FloatArray, is_field: bool, codes: NDArray[np.int8], tim
 
 def _of_vectors(values: FloatArray) -> list[str]:
     remarks = Counter.of(values).overflows(values)
-    values = values[:_LOOKED_AT]
+    values = values[:SKETCH]
     steps = np.linalg.norm(np.diff(values, axis=0), axis=1)
     # By chance fewer readings repeat.
     if (held := float((steps == 0).mean())) > 0.2:

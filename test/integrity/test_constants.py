@@ -5,7 +5,7 @@ import pytest
 from tam_calibration.integrity import check, fault, placement, repeated, values
 
 STATED = {
-    check: {"ENOUGH_TO_CHECK": 18, "_SCREENED": ("frozen", "unit", "zero")},
+    check: {"_SCREENED": ("frozen", "unit", "zero")},
     fault: {"SHARED": 0.9},
     repeated: {
         **{"SHORTEST": 10, "PROBES": 16, "COPIED": 1 - 1e-13},
@@ -30,5 +30,5 @@ def test_constants(module):
     own = {
         name: value for name, value in vars(module).items() if name.isupper() and isinstance(value, int | float | tuple)
     }
-    imported = {"SKETCH", "MOST_NAMED"} | ({"SHARED"} if module is not fault else set())
+    imported = {"SKETCH", "MOST_NAMED", "FEWEST_SAMPLES"} | ({"SHARED"} if module is not fault else set())
     assert {name: value for name, value in own.items() if name not in imported} == STATED[module]
