@@ -27,7 +27,7 @@ from tam_calibration.correction.calibration import Calibration, Corrected, witho
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, of_array, removable
-from tam_calibration.model.array import OUTPUT_NAMES
+from tam_calibration.model.array import OUTPUT_NAMES, UNIT_TENSORS
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, first_at
 from tam_calibration.model.recording import Recording, channel_in_words
 from tam_calibration.model.units import FloatArray, IntArray
@@ -255,7 +255,8 @@ class PartialCorrection:
 def _outputs_without(calibration: Calibration, is_there: np.ndarray) -> PartialOutputs:
     """Return the outputs of the sensors that are there, a mask (K,)."""
     array, rows = calibration.array, np.repeat(is_there, 3)
-    fields, wanted = array.linear_field[rows], _OUTPUTS_OF_FIELD
+    fields, gzz = array.linear_field[rows], np.append(np.zeros(3), UNIT_TENSORS[:, 2, 2])
+    wanted = np.vstack([np.eye(8), gzz])
     if not array.has_gradient:
         fields, wanted = fields[:, :3], wanted[:, :3]
     # Part of an output, at most, that may lie outside what the sensors see: rounding, and a micrometre of a metre.
@@ -274,10 +275,6 @@ def _outputs_without(calibration: Calibration, is_there: np.ndarray) -> PartialO
     covariance = calibration.covariance_of(matrix)
     covariance[~is_determined] = covariance[:, ~is_determined] = np.nan
     return PartialOutputs(matrix, is_determined, covariance)
-
-
-_OUTPUTS_OF_FIELD = np.vstack([np.eye(8), [0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 0.0]])
-"""(9, 8) the outputs of the eight numbers of a linear field; the last is gzz."""
 
 
 _APART = 0.1

@@ -235,16 +235,9 @@ class Array:
     @cached_property
     def linear_field(self) -> FloatArray:
         """(3K, 8) readings in a linear field, of its bx by bz gxx gxy gxz gyy gyz."""
-        rows = np.zeros((self.sensor_count, 3, 8))
-        # (K, 3) each: a column for the element of each axis.
-        x, y, z = np.moveaxis(self.element_positions_m, 2, 0)
-        rows[:, :, :3] = np.eye(3)
-        rows[:, 0, 3], rows[:, 2, 3] = x[:, 0], -z[:, 2]
-        rows[:, 0, 4], rows[:, 1, 4] = y[:, 0], x[:, 1]
-        rows[:, 0, 5], rows[:, 2, 5] = z[:, 0], x[:, 2]
-        rows[:, 1, 6], rows[:, 2, 6] = y[:, 1], -z[:, 2]
-        rows[:, 1, 7], rows[:, 2, 7] = z[:, 1], y[:, 2]
-        return rows.reshape(-1, 8)
+        fields = np.broadcast_to(np.eye(3), (self.sensor_count, 3, 3))
+        by_tensor = np.einsum("oij,kij->kio", UNIT_TENSORS, self.element_positions_m)
+        return np.concatenate([fields, by_tensor], axis=2).reshape(-1, 8)
 
     @cached_property
     def operator(self) -> FloatArray:

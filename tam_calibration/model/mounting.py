@@ -15,9 +15,6 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-_NO_ROTATION = np.array([0.0, 0.0, 0.0, 1.0])
-"""The quaternion x, y, z, w of no rotation."""
-
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 """Signs that make a unit quaternion x, y, z, w that of the opposite rotation."""
 
@@ -77,7 +74,8 @@ class Mounting:
 
     def turns_sensors_as(self, other: "Mounting") -> bool:
         """Whether the other has as many sensors with the same rotations; IMU and frame names do not matter."""
-        mine, others = (_NO_ROTATION if each.rotations is None else each.rotations for each in (self, other))
+        none = np.array([0.0, 0.0, 0.0, 1.0])
+        mine, others = (none if each.rotations is None else each.rotations for each in (self, other))
         difference = np.minimum(np.abs(mine - others).max(axis=-1), np.abs(mine + others).max(axis=-1))
         # Difference of quaternions up to which two rotations are one: some 2 µrad, far below what a sensor shows.
         return bool((difference < 1e-6).all())
