@@ -11,6 +11,7 @@ Times of arrival, where they are known, show a stall: messages come later than t
 the network stood still. What waited meanwhile comes in a burst, one stream after another, and samples wait for all.
 """
 
+import math
 from collections import deque
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
@@ -33,7 +34,7 @@ CATCH_UP_NS = 1_000_000_000
 REMEMBERED = 16
 """Intervals between samples, the shortest of which decides when a message may be of the next sample."""
 
-_NO_READING = (float("nan"),) * 3
+_NO_READING = (math.nan, math.nan, math.nan)
 
 
 class Sample(NamedTuple):

@@ -10,18 +10,17 @@ FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 Quantity = TypeVar("Quantity", float, FloatArray)
 
-NANOTESLA_PER_TESLA = 1e9
 TESLA_PER_FIELD_UNIT = {"nT": 1e-9, "uT": 1e-6, "mT": 1e-3, "mG": 1e-7, "G": 1e-4, "T": 1.0}
 
 
 def to_nanotesla(tesla: Quantity) -> Quantity:
     """Convert tesla to nanotesla, and T/m to nT/m."""
-    return tesla * NANOTESLA_PER_TESLA
+    return tesla * 1e9
 
 
 def from_nanotesla(nanotesla: Quantity) -> Quantity:
     """Convert nanotesla to tesla, and nT/m to T/m; a division, so that decimals round correctly."""
-    return nanotesla / NANOTESLA_PER_TESLA
+    return nanotesla / 1e9
 
 
 def to_degrees(radians: Quantity) -> Quantity:
@@ -34,7 +33,7 @@ def from_degrees(degrees: Quantity) -> Quantity:
     return degrees * (np.pi / 180.0)
 
 
-_FOR_PEOPLE = {"T": (NANOTESLA_PER_TESLA, "nT"), "K": (1.0, "°C"), "rad": (to_degrees(1.0), "°")}
+_FOR_PEOPLE = {"T": (to_nanotesla(1.0), "nT"), "K": (1.0, "°C"), "rad": (to_degrees(1.0), "°")}
 _SYMBOL = re.compile(r"([A-Za-z]+)([²³⁴⁵]?)")
 
 

@@ -222,8 +222,6 @@ def unpacked(files: list[Path], folder: Path, faults: list[str] | None = None) -
 NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 """Error numbers of a disk without room: the input is not at fault."""
 
-NAMED = 3
-"""Faults that a sentence names."""
 
 _TELLING = {"tam_calibration", "rosbags", "zstandard", "apsw"}
 """Packages whose exceptions are sentences for people."""

@@ -14,7 +14,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter, read_bytes, read_string
 from rosbags.typesys.msg import normalize_msgtype
 
 from tam_calibration.messages.cdr import RawMessages, join, windows
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.exceptions import MOST_NAMED, InputError
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings import bag_bounds
 from tam_calibration.recordings.bag_storages import Condition, StoredFile, numbers_of
@@ -389,7 +389,7 @@ def _named_damage(path: Path) -> str:
     """Return what is damaged in a file whose data do not fit their CRC."""
     faults: list[str] = []
     deque(complete_messages(path, faults), maxlen=0)
-    return "; ".join(faults[: bag_bounds.NAMED]) or "it does not fit its CRC, though all messages do"
+    return "; ".join(faults[:MOST_NAMED]) or "it does not fit its CRC, though all messages do"
 
 
 class McapBlockWriter(McapWriter):

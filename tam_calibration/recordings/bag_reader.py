@@ -20,9 +20,9 @@ from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
 from tam_calibration.files.text_files import require_regular, temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.messages.samples import Progress
-from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.model.exceptions import MOST_NAMED, InputError, quoted
 from tam_calibration.recordings import bag_storages
-from tam_calibration.recordings.bag_bounds import NAMED, Damaged, check_piece, damage_named, unpack_bounded, unpacked
+from tam_calibration.recordings.bag_bounds import Damaged, check_piece, damage_named, unpack_bounded, unpacked
 from tam_calibration.recordings.bag_storages import Condition, StoredFile, serialisation_of, storage_for
 
 log = logging.getLogger(__name__)
@@ -54,8 +54,8 @@ class Recovered:
         """Return a clause for people."""
         duration_s = (self.last_ns - self.first_ns) / 1e9
         ends = f"the recording ends at {self.last_ns / 1e9:.3f} s, {duration_s:.3f} s after it began"
-        more = len(self.faults) - NAMED
-        lost = [*self.faults[:NAMED], *([f"{more} faults more"] if more > 0 else [])]
+        more = len(self.faults) - MOST_NAMED
+        lost = [*self.faults[:MOST_NAMED], *([f"{more} faults more"] if more > 0 else [])]
         return f"{self.messages} complete messages are recovered, {ends}{''.join(f'; {each}' for each in lost)}"
 
 
@@ -169,7 +169,7 @@ def _opened(path: Path, state: tuple[tuple[str, int, int], ...]) -> BagReader:
             recovered = {file: RecoveredFile(file, faults) for file in incomplete}
         with damage_named(path):
             if faults and not is_unfinished:
-                raise Damaged("; ".join(faults[:NAMED]))
+                raise Damaged("; ".join(faults[:MOST_NAMED]))
             bag = BagReader(path, [recovered.get(file) or storage_for(file).FILE(file) for file in files])
             _require_topics(bag, None if is_unfinished else metadata)
         if not bag.message_count:

@@ -15,9 +15,6 @@ from tam_calibration.recordings.vectors import is_own_column
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-", "--", "?")
 """What cells hold that have no value, as loggers, R, pandas and spreadsheets write it."""
 
-_BEGINNING = 1 << 17
-"""Bytes that tell the dialect: some hundred lines after a long preamble."""
-
 LONGEST_LINE = 1 << 16
 """Characters: a line of a hundred sensors has some six thousand."""
 
@@ -135,12 +132,12 @@ def detect_dialect(path: Path, stated: TextFormat) -> Dialect:
 def _beginning(path: Path) -> tuple[str, str]:
     """Return the text of the first complete lines, and its encoding."""
     with readable(path), path.open("rb") as file:
-        content = file.read(_BEGINNING)
+        content = file.read(2 * LONGEST_LINE)
     is_wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
     encoding, end = ("utf-16", b"\n\0") if is_wide else ("utf-8-sig", b"\n")
     if b"\0" in content and not is_wide:
         raise InputError(f"{path} is not a text file")
-    if len(content) == _BEGINNING:
+    if len(content) == 2 * LONGEST_LINE:
         content, _, rest = content.rpartition(end)
         if not content or len(rest) > LONGEST_LINE:
             line = content.count(b"\n") + (2 if content else 1)

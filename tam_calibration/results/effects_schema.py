@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.files.schema import Bounds, Document, value_in_si, value_to_write
+from tam_calibration.messages.missing import HUGE
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 
@@ -25,9 +26,6 @@ _SPECIAL = {"scalar": SCALAR, "all": ALL}
 _PLAIN_UNITS = frozenset({"1", "T", "rad", "s", "Hz", "K", "°C", "A", "m"})
 _WRITTEN = {"T": "nT", "rad": "deg"}
 """Units of SI, and what is written for them at the beginning of a unit."""
-
-_LARGEST = 1e30
-"""Size of a number of an effect in SI: the inverse of a fT²; of larger ones the squares of squares are no numbers."""
 
 _Quantity = Annotated[float, Bounds()] | str
 
@@ -113,13 +111,13 @@ def _quantity(value: float, unit: str | None) -> _Quantity:
     return f"{value!r} {first}{slash}{rest}"
 
 
-def _in_si(values: Mapping[str, _Quantity], least: float = -_LARGEST) -> dict[str, float]:
+def _in_si(values: Mapping[str, _Quantity], least: float = -HUGE) -> dict[str, float]:
     numbers = {name: _number(name, value) for name, value in values.items()}
     for name, number in numbers.items():
         if number < least:
             raise InputError(f"{name}: {quoted(values[name])} is less than {least:g} in SI")
-        if abs(number) > _LARGEST:
-            raise InputError(f"{name}: {quoted(values[name])} is more than {_LARGEST:g} in SI: check the unit")
+        if abs(number) > HUGE:
+            raise InputError(f"{name}: {quoted(values[name])} is more than {HUGE:g} in SI: check the unit")
     return numbers
 
 
