@@ -139,9 +139,6 @@ def _show(player: "Player", loop: bool) -> None:
                 return
 
 
-_FIND_S = 5.0
-"""Longest wait for a service, seconds: a node that runs is found within one."""
-
 _SERVICES = ("calibrator/calibrate", "calibrator/diagnose", "calibrator/compare", "calibrator/save", "collector/reset")
 """Those of our nodes that people call."""
 
@@ -157,4 +154,4 @@ def call(service: str) -> None:
     with ros_session():
         from tam_calibration.nodes import monitor
 
-        say(monitor.call(service, _FIND_S))
+        say(monitor.call(service, PATIENCE_S))

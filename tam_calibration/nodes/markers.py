@@ -17,12 +17,10 @@ from tam_calibration.localization.solutions import EulerSolutions, ellipsoid
 from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import TamNode
+from tam_calibration.nodes.session import PERIOD_S
 
 if TYPE_CHECKING:  # with scipy, that a collector does without
     from tam_calibration.localization.targets import Target
-
-PERIOD_S = 0.1
-"""Time between the markers of a stream: ten a second are more than eyes follow, and cost little at any rate of it."""
 
 METRES_PER_TESLA = 1e4
 """Length of the arrow of the field: half a metre, the baseline of the cross, in the 50 µT of the Earth."""

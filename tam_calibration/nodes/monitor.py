@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.units import FloatArray
-from tam_calibration.nodes.session import NODES, Children
+from tam_calibration.nodes.session import NODES, PERIOD_S, Children
 from tam_calibration.nodes.topics import RELIABLE_STREAM, read_cloud
 
 _LEVELS = {
@@ -29,7 +29,6 @@ _LEVELS = {
 }
 
 _BAR_WIDTH = 40
-_TURN_S = 0.1
 
 
 class Monitor(Node):
@@ -77,8 +76,8 @@ class Monitor(Node):
             if time.monotonic() > limit:
                 said = " | ".join(filter(None, map(_line, self._statuses.values())))
                 raise Refused(f"{what} did not happen within {timeout_s:g} s; the nodes say: {said}")
-            self._executor.spin_once(timeout_sec=_TURN_S)
-            if time.monotonic() > shown + _TURN_S:
+            self._executor.spin_once(timeout_sec=PERIOD_S)
+            if time.monotonic() > shown + PERIOD_S:
                 shown = time.monotonic()
                 self._on_turn(self)
 

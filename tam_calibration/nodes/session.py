@@ -254,6 +254,9 @@ def precede() -> str:
     return f"real-time, priority {lowest}"
 
 
+PERIOD_S = 0.1
+"""Time between two pictures of what goes on: ten a second are more than eyes follow, and cost little at any rate."""
+
 PATIENCE_S = 10.0
 """Time for which others are waited for: late joiners are discovered within 3 s, and robots start in any order."""
 

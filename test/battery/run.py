@@ -59,7 +59,7 @@ def warm() -> None:
     for name in ("scipy.optimize", "scipy.spatial.transform", "scipy.special", "zstandard", "jinja2"):
         import_module(name)
     nodes = import_module("tam_calibration.cli.nodes")
-    nodes.PATIENCE_S = nodes._FIND_S = 0.2  # nobody will come
+    nodes.PATIENCE_S = 0.2  # nobody will come
     adopt_orphans()
     if threading.active_count() > 1:
         raise RuntimeError(f"a fork would lose {threading.enumerate()}")
