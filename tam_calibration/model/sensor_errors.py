@@ -242,10 +242,8 @@ class SensorErrors:
         return np.moveaxis(derivative, 1, 3)
 
 
-CROSS = np.array(
-    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
-    dtype=float,
-)
+CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
+"""(3, 3, 3) matrices of the cross products with the unit vectors: ``CROSS[0] @ v`` is x × v."""
 
 
 def orientation_to_axes(orientation: FloatArray) -> list[str]:
