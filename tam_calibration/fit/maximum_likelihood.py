@@ -24,7 +24,7 @@ from tam_calibration.fit.information import NOT_ONE, descend, inverted, paramete
 from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization, UniformLikelihood
 from tam_calibration.fit.published import into_frame_of_first
 from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_determined, turning_of
-from tam_calibration.fit.reference import LARGEST_SHARE, interpolate, is_worth_interpolating
+from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
@@ -319,7 +319,7 @@ def likelihood_of(recording: SampleSource, array: KnownNoiseArray, data: Normali
         The same samples.
     """
     count = recording.scalar_count
-    if count is None or count > LARGEST_SHARE * recording.sample_count:
+    if count is None or count > recording.sample_count / 2:
         return UniformLikelihood(data, *data.noise_of(array))
     return _likelihood(recording.whole(), array, data, may_interpolate=True)
 

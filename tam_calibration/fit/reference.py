@@ -26,9 +26,6 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
-LARGEST_SHARE = 0.5
-"""Largest part of the samples with a reading of their own at which interpolation is worth its time."""
-
 
 @dataclass(frozen=True, eq=False)
 class InterpolationNoise:
@@ -132,7 +129,7 @@ class InterpolationNoise:
 def is_worth_interpolating(scalar: FloatArray) -> bool:
     """Whether at least three samples (N,) hold a reading, and at most every second one."""
     known = np.isfinite(scalar)
-    return bool(3 <= known.sum() <= LARGEST_SHARE * len(scalar))
+    return bool(3 <= known.sum() <= len(scalar) / 2)
 
 
 def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> tuple[FloatArray, InterpolationNoise]:
