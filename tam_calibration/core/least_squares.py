@@ -183,8 +183,8 @@ Predict = Callable[[FloatArray, np.ndarray], tuple[FloatArray, FloatArray]]
 IsSmall = Callable[[FloatArray, FloatArray], np.ndarray]
 """From unknowns (m, P) and the steps (m, P) to them to which (m,) of these are the last."""
 
-_MOST_STEPS = 60
-"""Damped steps after which a problem that has not settled is left where it is."""
+MOST_STEPS = 60
+"""Steps after which an iteration that has not settled ends; those that settle take fewer than half."""
 
 
 def whitening(matrix: FloatArray, least: float) -> FloatArray:
@@ -269,7 +269,7 @@ def solve_damped(predict: Predict, data: FloatArray, start: FloatArray, is_small
     chi_square, normal, slope = _linearize(predict, data, unknowns, np.arange(len(data)))
     # Part of the squares of the data by which rounding may raise χ².
     rounding = 1e-13 * np.sum(data**2, axis=1)
-    for _ in range(_MOST_STEPS):
+    for _ in range(MOST_STEPS):
         if not is_open.any():
             break
         at = np.flatnonzero(is_open)

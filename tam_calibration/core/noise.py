@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tam_calibration.model.array import Array, KnownNoiseArray
+from tam_calibration.model.limits import LEAST_SPREAD_T
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray
 
@@ -47,10 +48,6 @@ def noise_energy(energy: FloatArray, freedom: int) -> float:
     return float(np.median(energy) / chdtri(freedom, 0.5))
 
 
-_SMALLEST_T = 1e-12
-"""A picotesla, where readings do not change at all: no noise is zero."""
-
-
 def complete_noise(array: Array, source: SampleSource) -> tuple[KnownNoiseArray, bool]:
     """Return the array with every noise known, and whether one was estimated.
 
@@ -75,7 +72,7 @@ def complete_noise(array: Array, source: SampleSource) -> tuple[KnownNoiseArray,
         fast = np.sqrt(np.mean(fast_noise(readings) ** 2, axis=1))
         spread = readings.std(axis=0).mean(axis=1)
         # Of the readings' spread, which attitudes that jump would pass for noise; 1000 nT in the Earth's field.
-        vector = np.minimum(fast, np.maximum(0.02 * spread, _SMALLEST_T))
+        vector = np.minimum(fast, np.maximum(0.02 * spread, LEAST_SPREAD_T))
     if needs_scalar and len(reference) > 3:
         scalar = float(fast_noise(reference[:, None])[0])
     return array.with_noise(vector, scalar), estimated
@@ -94,7 +91,7 @@ def fast_noise(values: FloatArray) -> FloatArray:
     difference = np.diff(values, n=min(3, len(values) - 1), axis=0)
     # np.sqrt(20.0): of the weights 1, 3, 3, 1: by so much white noise grows in third differences.
     spread = noise_deviation(difference, axis=0) / np.sqrt(20.0)
-    return np.asarray(np.maximum(spread, _SMALLEST_T))
+    return np.asarray(np.maximum(spread, LEAST_SPREAD_T))
 
 
 COSINES = 4

@@ -58,9 +58,6 @@ the last of them."""
 _LOOK = "look at its stamps and frames, at whether the field is uniform, and that no magnetometer is in it"
 _NO_FIT = f"the recorded attitude and the readings make no calibration together: {_LOOK}"
 
-_NOISES = (ATTITUDE_NOISE.most, 0.05, 0.005, 5e-4)
-"""Noise of attitude to begin with, radians: the first with which a recording that tells little alone is calibrated."""
-
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
@@ -165,13 +162,15 @@ class _Fit(MotionFit):
 
         The readings are weighed by what they leave before attitude can pull them.
         """
-        for noise in _NOISES[:-1]:
+        # A recording that tells little alone is calibrated with attitudes that weigh more.
+        noises = (ATTITUDE_NOISE.most / _LARGEST_FALL ** np.arange(4)).tolist()
+        for noise in noises[:-1]:
             with suppress(InputError, Refused):
                 calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
                 require_accurate(calibration, recording)
                 break
         else:
-            noise = _NOISES[-1]
+            noise = noises[-1]
             calibration = maximum_a_posteriori(recording, replace(array, attitude_noise=noise), known)
         factors = known.variance_factors.at_least(variance_factors(calibration, recording))
         problem = Problem.of(recording, calibration.array, replace(known, variance_factors=factors))

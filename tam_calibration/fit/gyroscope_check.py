@@ -17,24 +17,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import ROUNDING
+from tam_calibration.core.least_squares import MOST_STEPS, ROUNDING
 from tam_calibration.core.noise import complete_noise, fast_noise
 from tam_calibration.fit.contradiction import FAR, SIGNIFICANT, TOO_FAR, MotionFit, probability_of
 from tam_calibration.fit.estimate import variance_factors
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import UNITS, GyroscopePath, GyroscopeState, GyroscopeUse, matched
 from tam_calibration.fit.information import inverted
-from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
+from tam_calibration.fit.maximum_a_posteriori import SETTLED, maximum_a_posteriori
 from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import RATE_NOISE
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
-
-_MOST_ROUNDS, _SETTLED = 6, 0.05
-"""To find the noise, and the part by which it may change in the last of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +50,9 @@ class GyroscopeFit(MotionFit):
         used = replace(known, gyroscope=use, variance_factors=factors, start=start)
         problem = Problem.of(recording, first.array, used)
         fit = cls(problem, problem.most_probable()[0])
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(MOST_STEPS):
             density = max(fit.measured(), use.density)
-            if abs(density - fit.use.density) <= _SETTLED * fit.use.density:
+            if abs(density - fit.use.density) <= SETTLED * fit.use.density:
                 break
             fit = fit.with_density(density)
         return fit
@@ -181,9 +178,6 @@ class GyroscopeFit(MotionFit):
 MOST_SAMPLES = 2_000_000
 """Samples up to which angular velocity is used: all are in memory then."""
 
-MOST_LINKS = 20_000
-"""Turns from sample to sample that are judged: of more those over several samples."""
-
 
 def judge_gyroscope(
     recording: Recording, array: Array, known: Known, since_s: float = -np.inf
@@ -263,7 +257,8 @@ def settled_gyroscope(recording: Recording, array: Array, known: Known) -> Settl
         limited = np.clip(fast * np.sqrt(2 * interval_s), RATE_NOISE.least, RATE_NOISE.most)
         noise = stated.noise_density or float(limited)
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
-        stride = -(-recording.sample_count // MOST_LINKS)
+        # Of a long recording the turns over several samples are judged, as many as samples of a block.
+        stride = -(-recording.sample_count // BLOCK)
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
         fit = GyroscopeFit.settled(recording, array, known, use)
         if not use.shape_error and fit.is_bent:

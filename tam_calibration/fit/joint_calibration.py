@@ -16,7 +16,7 @@ from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_calibration, require_one_sphere
 from tam_calibration.fit.contradiction import FAR, MOST_CHANGES, PLAUSIBLE, SIGNIFICANT, Unnamed
 from tam_calibration.fit.estimate import mean_temperature, variance_factors
-from tam_calibration.fit.gyroscope_check import MOST_LINKS, MOST_SAMPLES, judge_gyroscope
+from tam_calibration.fit.gyroscope_check import MOST_SAMPLES, judge_gyroscope
 from tam_calibration.fit.information import require_determined
 from tam_calibration.fit.maximum_a_posteriori import (
     FRAME_OF_GYROSCOPE,
@@ -34,7 +34,7 @@ from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
-from tam_calibration.model.recording import SKETCH, SampleSource
+from tam_calibration.model.recording import BLOCK, SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 _MOST_ROUNDS = 5
@@ -285,7 +285,7 @@ def _with_prior(recording: SampleSource, array: Array, used: Known) -> JointCali
     if (use := updated.known.gyroscope) is not None:
         # Fits to most of the samples begin where that to all has ended.
         place = Place(calibration.errors, calibration.intensity_T)
-        use = replace(use, stride=-(-updated.recording.sample_count // MOST_LINKS))
+        use = replace(use, stride=-(-updated.recording.sample_count // BLOCK))
         if calibration.frame == FRAME_OF_GYROSCOPE:
             use = replace(use, start=replace(use.start, mount=np.eye(3)))
         fit = partial(maximum_a_posteriori, known=replace(updated.known, gyroscope=use, start=place))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
+from tam_calibration.core.least_squares import MOST_STEPS
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.streaming import left_out
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
@@ -28,15 +29,8 @@ The checks of the fit report an event. A single sensor that fails for as long is
 """
 
 
-_MOST_ROUNDS = 10
-"""Fits of the remaining samples; two or three are usual."""
-
 _COMPARED = 3
 """Sensors from which each is compared with the mean of the others; fewer are compared with the intensity."""
-
-
-_MEDIANS = {1: 0.45494, 3: 2.36597}
-"""Of χ² by its degrees of freedom: SciPy, which has them, takes as long to load as a calibration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +142,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     try:
         judge = _Judge(_robust_estimate, recording.take(~is_far), array)
         is_bad = judge.is_bad(recording)
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(MOST_STEPS):
             if not 0 < is_bad.mean() < most:
                 return recording, None
             judge = _Judge(estimate, recording.take(~is_bad), array)
@@ -203,7 +197,8 @@ class _Judge:
         self._intensity_T = float(np.median(norm(errors.restore(some.readings_T).mean(axis=1), axis=1)))
         freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
         distances = self._distances(some)
-        scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
+        # The median of χ², nearly, after Wilson and Hilferty 1931.
+        scale = np.nanmedian(distances, axis=0) / (freedom * (1 - 2 / (9 * freedom)) ** 3)
         self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
         # Probability that a sound recording loses a sample.
         exponent = np.log(distances.size / 1e-3)
