@@ -437,9 +437,8 @@ def _fitted(recorded: Rotation, known: _Gyroscope, error: float) -> tuple[Attitu
         attitude = Rotation.from_rotvec(correction) * made
         known = replace(known, state=known.state.moved(step[:size]))
         first = Rotation.from_rotvec(step[-3:]) * first
-    if (
-        np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])
-    ).any():  # not the angular velocity of this array
+    # With another mounting, scale or angles it is not the angular velocity of this array.
+    if (np.abs(known.away()[-9:]) > _FAR / np.sqrt(known.precision[-9:])).any():
         return None, 0.0
     seen = float(np.mean((recorded * attitude.inv()).as_rotvec() ** 2))
     spread = np.einsum("nap,pq,naq->", rows, covariance, rows, optimize=True) / (3 * len(rows)) + rest

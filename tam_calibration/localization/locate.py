@@ -18,8 +18,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from tam_calibration.core.least_squares import MOST_STEPS
 from tam_calibration.core.noise import COSINES
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.maximum_a_posteriori import SETTLED
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX
@@ -161,10 +163,6 @@ def locate_steady(
     return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=found.field_T)
 
 
-_MOST_STEPS, _SMALL_STEP = 30, 1e-3
-"""Steps to the regional field, and the part of its standard errors below which one is the last."""
-
-
 _NO_LINE = "the samples are not those of a line of current beside a uniform regional field"
 
 _NONE_LOCATED = f"{_NO_LINE}: none can be located. Go nearer, or average longer"
@@ -188,14 +186,14 @@ def regional_beside_current(samples: Samples, prior: Regional) -> Regional:
     assert prior.covariance_T2 is not None
     error = np.sqrt(np.maximum(np.diag(prior.covariance_T2), np.diag(samples.covariance)[:3]))
     field_T = prior.field_T
-    for _ in range(_MOST_STEPS):
+    for _ in range(MOST_STEPS):
         residuals, by_field = _left(samples, field_T)
         slopes = by_field * error
         normal = np.einsum("nij,nik->jk", slopes, slopes) + np.eye(3)
         away = np.einsum("nij,ni->j", slopes, residuals) + (prior.field_T - field_T) / error
         step = np.linalg.solve(normal, away)
         field_T = field_T + error * step
-        if step @ normal @ step < _SMALL_STEP**2:
+        if step @ normal @ step < SETTLED**2:
             return replace(prior, field_T=field_T, covariance_T2=np.linalg.inv(normal) * np.outer(error, error))
     raise Refused(f"{_NO_LINE}: the steps to the regional field do not settle")
 
@@ -225,10 +223,6 @@ _FEWEST_LOCATED = 10
 _MOST_SHARED = 200
 """Samples that tell what is shared: of thousands the errors of second order, alike in all places that are uncertain by
 up to a fifth, would be more than noise."""
-
-_MOST_ROUNDS, _SETTLED = 10, 0.1
-"""Times that a run is located, and standard errors by which the regional field may move after the last one: a field
-that is off by hundreds of times the noise needs six; more, and a smaller move, change nothing."""
 
 _MEND = (
     "Take a longer stretch about one source, or of dipoles give the velocity of a straight track, along which several "
@@ -266,7 +260,7 @@ def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regio
     regional, part = prior, np.zeros(0, dtype=int)
     if samples.index == CURRENT_INDEX and prior.covariance_T2 is not None:
         regional = regional_beside_current(samples, prior)
-    for number in range(_MOST_ROUNDS):
+    for number in range(MOST_STEPS):
         world = turned(locate_each(samples, regional), samples.attitude, prior.attitude_noise)
         at = np.flatnonzero(world.is_located)
         if not len(at) and not number:
@@ -307,7 +301,7 @@ def _is_near(before: Regional, after: Regional) -> bool:
     if after.covariance_T2 is None:
         return True
     errors = np.sqrt(np.diag(after.covariance_T2))
-    return bool((np.abs(after.field_T - before.field_T) <= _SETTLED * errors).all())
+    return bool((np.abs(after.field_T - before.field_T) <= SETTLED * errors).all())
 
 
 def _require_noise(shared: SharedSource, index: float) -> None:

@@ -21,9 +21,6 @@ from tam_calibration.sources.demodulation import CHANCE, Spectrum
 ELLIPSOID_PROBABILITY = 0.95
 """With which a source is within its ellipsoid: what is usual for maps."""
 
-ANY_ANGLE_VARIANCE = np.pi**2 / 3
-"""Variance of an angle that is anything from -π to π, rad²."""
-
 
 class Status(IntEnum):
     """Whether a sample was located, and if not, why."""
@@ -255,7 +252,8 @@ def pose_rows(solutions: EulerSolutions) -> FloatArray:
     count = len(solutions.status)
     covariance = np.zeros((count, 6, 6))
     covariance[:, :3, :3] = solutions.position_covariance_m2
-    covariance[:, 3:, 3:] = ANY_ANGLE_VARIANCE * np.eye(3)
+    any_angle = np.pi**2 / 3  # variance, rad², of an angle that is anything from -π to π
+    covariance[:, 3:, 3:] = any_angle * np.eye(3)
     rotation = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
     length = np.linalg.norm(solutions.moment_Am2, axis=1)
     known = np.flatnonzero(length > 0)
@@ -263,7 +261,7 @@ def pose_rows(solutions: EulerSolutions) -> FloatArray:
     rotation[known] = _from_x_to(unit)
     across = np.cross(unit[:, None], np.eye(3)).transpose(0, 2, 1) / length[known, None, None]
     tilt = across @ solutions.moment_covariance_A2m4[known] @ across.transpose(0, 2, 1)
-    covariance[known, 3:, 3:] = tilt + ANY_ANGLE_VARIANCE * unit[:, :, None] * unit[:, None]
+    covariance[known, 3:, 3:] = tilt + any_angle * unit[:, :, None] * unit[:, None]
     return np.hstack([solutions.position_m, rotation, covariance.reshape(count, 36)])
 
 

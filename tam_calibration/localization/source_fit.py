@@ -88,8 +88,6 @@ def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating:
 SMALLEST_STEP = 1e-11
 """Part of a distance, of radians and of a strength below which a step is the last."""
 
-_ACROSS = np.eye(3)[:2]
-
 
 @dataclass(frozen=True, eq=False)
 class OutputFit:
@@ -209,8 +207,9 @@ def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[Fl
     place, along = _place_and_along(unknowns)
     offset, along, strength = points_m - place[:, None], along[:, None], unknowns[:, None, 4:, None]
     across = np.cross(along, offset)
-    moved = [np.broadcast_to(np.cross(along, axis), across.shape) for axis in _ACROSS]
-    tilted = [np.cross(axis, offset) for axis in _ACROSS]
+    axes = np.eye(3)[:2]
+    moved = [np.broadcast_to(np.cross(along, axis), across.shape) for axis in axes]
+    tilted = [np.cross(axis, offset) for axis in axes]
     if index == CURRENT_INDEX:
         slopes = [strength[:, :, 0] * _slope(across, change) for change in [*(-each for each in moved), *tilted]]
         unit = across / _dot(across, across)
@@ -220,7 +219,7 @@ def _field(points_m: FloatArray, unknowns: FloatArray, index: float) -> tuple[Fl
     by_place = [-_bend(across, shift, each) for each in moved]
     by_along = [
         _bend(across, shift, change) + _slope(across, np.cross(axis, moment))
-        for change, axis in zip(tilted, _ACROSS, strict=True)
+        for change, axis in zip(tilted, axes, strict=True)
     ]
     by_moment = [_slope(across, each) for each in moved]
     return _slope(across, shift), np.stack([*by_place, *by_along, *by_moment], axis=-1)

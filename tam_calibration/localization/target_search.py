@@ -183,9 +183,6 @@ _STEP_M, _HALF_M = 25.0, 30.0
 """Way from window to window, within which dipoles are found in one, and half of its length, metres: targets are seen
 within three times their depth."""
 
-_TOGETHER_M = 10.0
-"""Way within which dipoles are taken from one window, metres."""
-
 _CLEAR, _ROUNDS = 1.05, 2
 """Mean squared residual, over the noise, below which all dipoles of a window have been found; and how often others are
 fitted anew, with what their neighbours have found since."""
@@ -372,7 +369,7 @@ class _Line:
 def _divided(ways: FloatArray, first: float, last: float) -> list[_Section]:
     """Return sections about sorted ways (S,), each of little span, which end in the middle of the widest gaps."""
     inside = ways[(ways > first) & (ways <= last)]
-    if inside[-1] - inside[0] <= _TOGETHER_M:
+    if inside[-1] - inside[0] <= FARTHEST_M / 2:
         return [_Section(float(inside[0] + inside[-1]) / 2, first, last)]
     widest = int(np.argmax(np.diff(inside)))
     middle = float(inside[widest] + inside[widest + 1]) / 2

@@ -260,10 +260,6 @@ _WAY_S = 5.0
 _CELL_M, _MOST_CELLS = 0.5, 1000
 """Size of the cells, metres: a sixth of the depth of the nearest targets. Along a side there are at most so many."""
 
-_REACH_M = 10.0
-"""Distance from the nearest sample beyond which cells stay empty, metres: lines farther apart than twice this say
-nothing of the field between them."""
-
 
 @dataclass(frozen=True, eq=False)
 class SurveyLine:
@@ -434,5 +430,7 @@ def field_map(lines: Sequence[SurveyLine]) -> FieldMap:
     x, y = (np.arange(first, last + cell, cell) for first, last in zip(low, high, strict=True))
     at = np.stack(np.meshgrid(x, y), axis=-1)
     values = LinearNDInterpolator(places, np.column_stack([intensity - np.median(intensity), contraction]))(at)
-    values[KDTree(places).query(at)[0] > _REACH_M] = np.nan
+    values[KDTree(places).query(at)[0] > FARTHEST_M / 2] = (
+        np.nan
+    )  # lines farther apart tell nothing of the field between them
     return FieldMap(x, y, values[..., 0], values[..., 1])

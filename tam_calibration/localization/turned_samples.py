@@ -237,9 +237,6 @@ _LEAST_FIELD, _SURE_FIELD = 5.0, 50.0
 """Field of a dipole over the largest standard error of the field beside it: below the least, that error is guessed, and
 the dipole with it; above the sure one there is one solution."""
 
-_FARTHEST_M = 1e4
-"""Beyond, what a fit has run away to is no place."""
-
 _ROUNDS = 3
 """Fits of each where the attitude is not exact, after the first with the turned field that the fit before leaves."""
 
@@ -364,11 +361,11 @@ class _Beside:
         for _ in range(_ROUNDS if self.attitude_noise else 1):
             seen, noise = self.less(turned_T)
             fit = fit_outputs(seen, self.array, noise, start, self.index)
-            is_near = fit.solution.is_found & (np.abs(fit.solution.unknowns[:, :3]).max(axis=1) < _FARTHEST_M)
-            start = np.where(is_near[:, None], fit.solution.unknowns, start)
-            source_T = np.where(is_near[:, None], fit.field_T, source_T)
+            is_found = fit.solution.is_found[:, None]
+            start = np.where(is_found, fit.solution.unknowns, start)
+            source_T = np.where(is_found, fit.field_T, source_T)
             left = self.outputs[:, :3] - source_T
             # What a wild fit leaves of the field was not made by an error of the attitude.
             is_turn = norm(left - self.field_T, axis=1) < ATTITUDE_NOISE.most * norm(self.field_T, axis=1)
             turned_T = np.where(is_turn[:, None], left, self.field_T)
-        return replace(fit.solution, is_found=is_near), source_T
+        return fit.solution, source_T

@@ -20,9 +20,6 @@ LEAST_FALL, ROUGH_FALL = 0.02, 1.0
 _FARTHEST_M, _STRONGEST_AM2, _LARGEST_ERROR = 150.0, 1e7, 30.0
 """Of dipoles from the middle of a window, of their moments, and of errors in units of their standard deviations."""
 
-_LONGEST = 0.5
-"""Longest step of a dipole's place, over its distance from the path."""
-
 _PART = 0.1
 """Part of a step ahead at which the second derivative is measured."""
 
@@ -117,7 +114,7 @@ def _limited(window: Window, unknowns: FloatArray, step: FloatArray) -> FloatArr
     limited = step.copy()
     (sources, _), (own, _) = window.divided(unknowns), window.divided(limited)
     distance = norm(sources[:, None, :3] - window.place_m, axis=2).min(axis=1)
-    own *= np.minimum(1.0, _LONGEST * distance / np.maximum(norm(own[:, :3], axis=1), 1e-300))[:, None]
+    own *= np.minimum(1.0, 0.5 * distance / np.maximum(norm(own[:, :3], axis=1), 1e-300))[:, None]
     middle = window.place_m[len(window.place_m) // 2]
     own[norm(sources[:, :3] + own[:, :3] - middle, axis=1) > _FARTHEST_M, :3] = 0.0
     return limited

@@ -132,8 +132,8 @@ def beside_a_dipole():
 @pytest.mark.parametrize(
     ("module", "name", "value"),
     [
-        (run_of_samples, "_MOST_ROUNDS", 20),
-        (run_of_samples, "_SETTLED", 0.01),
+        (run_of_samples, "MOST_STEPS", 100),
+        (run_of_samples, "SETTLED", 0.01),
         (source_fit, "SMALLEST_STEP", 1e-7),
         (shared_source, "SMALLEST_STEP", 1e-16),
     ],
@@ -149,7 +149,7 @@ def test_what_is_found_does_not_depend_on_when_steps_end(beside_a_dipole, monkey
 
 def test_a_field_that_does_not_settle_is_refused(monkeypatch):
     """Two rounds are not enough from a field that is off by hundreds of times the noise."""
-    monkeypatch.setattr(run_of_samples, "_MOST_ROUNDS", 2)
+    monkeypatch.setattr(run_of_samples, "MOST_STEPS", 2)
     with pytest.raises(Refused, match="no source explains all of them"):
         located([dipole()], known=KNOWN)
 

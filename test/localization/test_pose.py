@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.localization.solutions import ANY_ANGLE_VARIANCE, EulerSolutions, ellipsoid, pose_rows
+from tam_calibration.localization.solutions import EulerSolutions, ellipsoid, pose_rows
 
 
 def solutions_of(moments):
@@ -54,7 +54,7 @@ def test_the_covariance_of_the_orientation_is_that_of_the_moments_direction():
     unit = mean / np.linalg.norm(mean)
     rotations = np.cross(unit, drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
     told = pose_rows(solutions)[0, 7:].reshape(6, 6)[3:, 3:]
-    around = ANY_ANGLE_VARIANCE * np.outer(unit, unit)
+    around = np.pi**2 / 3 * np.outer(unit, unit)
     assert_allclose(told - around, np.cov(rotations.T), atol=0.02 * np.abs(np.cov(rotations.T)).max())
     assert unit @ told @ unit == pytest.approx(np.var(np.random.default_rng(7).uniform(-np.pi, np.pi, 10**6)), rel=5e-3)
 
