@@ -430,7 +430,6 @@ def field_map(lines: Sequence[SurveyLine]) -> FieldMap:
     x, y = (np.arange(first, last + cell, cell) for first, last in zip(low, high, strict=True))
     at = np.stack(np.meshgrid(x, y), axis=-1)
     values = LinearNDInterpolator(places, np.column_stack([intensity - np.median(intensity), contraction]))(at)
-    values[KDTree(places).query(at)[0] > FARTHEST_M / 2] = (
-        np.nan
-    )  # lines farther apart tell nothing of the field between them
+    # Lines that are farther apart tell nothing of the field between them.
+    values[KDTree(places).query(at)[0] > FARTHEST_M / 2] = np.nan
     return FieldMap(x, y, values[..., 0], values[..., 1])
