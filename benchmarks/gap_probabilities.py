@@ -3,7 +3,7 @@
 Run ``python benchmarks/gap_probabilities.py FOLDER …`` on folders that ``tam blind make`` wrote, or a world of others
 with its truths in ``key.json``, and that ``tam blind answer`` answered. Of every cause that was named it takes what the
 probability is made of, and whether the cause was right; it fits the logistic regression of
-``tam_calibration.gap.probabilities``, leaves each folder out once, and prints the coefficients. It also prints the log
+``tam_calibration.gap.causes``, leaves each folder out once, and prints the coefficients. It also prints the log
 score on the folder left out, and that of a constant rate. It writes no file.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.probabilities import features_of
+from tam_calibration.gap.causes import features_of
 from tam_calibration.model.units import FloatArray
 from tam_validation.blind.folder import read_json, read_keys, read_outcomes
 from tam_validation.blind.outcome import NO_GAP, UNEXPLAINED, Outcome

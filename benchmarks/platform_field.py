@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.platform_field import PlatformField
+from tam_calibration.effects.surroundings import PlatformField
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood

@@ -1,22 +1,279 @@
-"""What a simulation lacks, added to its readings: by a plugin as they arrive, or to a complete recording."""
+"""What a simulation lacks, added to its readings: by a plugin as they arrive, or to a complete recording.
 
-from collections.abc import Iterator
+Samples arrive in batches of any size, and the split changes no number.
+
+Slow noise of the density 2 w²/r (k/f)^a is a sum of first-order processes whose time constants cover the frequencies
+(Keshner, 1/f noise, Proc. IEEE 70, 1982, p. 212), and a band is an oscillator that white noise drives, an AR(2)
+process. Both are modes z' = -λ z + white noise, with 1/λ the time constant of a process, or λ = π Δf - 2πi f of a band
+about f of the width Δf. Over a step h
+
+    z(t + h) = exp(-λ h) z(t) + k,   E |k|² = (1 - exp(-2 Re λ h)) / (2 Re λ),   E k² = (1 - exp(-2 λ h)) / (2 λ),
+
+for white noise of unit density, so that modes keep their density whatever the steps of time are. What is read is
+x = Re(c z). Its covariance over n steps is Re(G p^n), with p = exp(-λ h) = ρ exp(iθ), |c| = 1 and
+G = (E |z|² + c² E z²) / 2; it is that of the AR(2) process with the poles p and p* where
+tan(arg G) = -cot(θ) (1 - ρ²) / (1 + ρ²), which fixes c; for bands above a third of the rate it comes near.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tam_calibration.comparison.mend import Mend
-from tam_calibration.comparison.streams import NoiseStream, StreamedEffect, streamed
+from tam_calibration.comparison.mend import Mend, NoiseTerm, slow_modes
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.effect import FoundEffect, LinearEffect
 from tam_calibration.effects.library import check_numbers, effect_named
+from tam_calibration.effects.recursions import Memory, follow
 from tam_calibration.effects.removal import agreed_field, filled
+from tam_calibration.effects.single_samples import samples_in
+from tam_calibration.effects.term import rows_of
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import Recording, channel_in_words
+from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.recording import BLOCK, Recording, channel_in_words
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.observe import add_effects
+
+
+class NoiseStream:
+    """Draws noise for samples that arrive in batches of any size; how they are split changes no number.
+
+    Where time goes back, slow noise and bands begin anew.
+
+    Parameters
+    ----------
+    terms : sequence of NoiseTerm
+        What is to be added, of each row at most once.
+    row_count : int
+        Rows of a sample, 3K + 1: the last is the scalar's.
+    rate_hz, span_s : float
+        Rate and span of the recording that the terms are of, hertz and seconds.
+    generator : numpy.random.Generator
+        Source of the random numbers.
+    """
+
+    def __init__(
+        self,
+        terms: Sequence[NoiseTerm],
+        row_count: int,
+        rate_hz: float,
+        span_s: float,
+        generator: np.random.Generator,
+    ) -> None:
+        self._white, self._kicks = generator.spawn(2)
+        self._white_T = np.zeros(row_count)
+        modes: list[tuple[int, complex, float]] = []
+        for term in terms:
+            row = row_count - 1 if term.sensor == 0 else 3 * (term.sensor - 1) + "xyz".index(term.axis)
+            self._white_T[row] = term.added_white_T
+            modes += [(row, *mode) for mode in _modes(term, rate_hz, span_s)]
+        self._to_rows = np.eye(row_count)[[row for row, _, _ in modes]].reshape(-1, row_count)
+        self._decay = np.array([decay for _, decay, _ in modes], dtype=complex)
+        self._reading = _readings_of(self._decay, rate_hz)
+        unit = (0.5 / self._decay.real + (self._reading**2 * 0.5 / self._decay).real) / 2
+        self._drive_T = np.sqrt(np.array([variance for _, _, variance in modes]) / unit)
+        self._state = np.zeros(len(modes), complex)
+        self._newest_s = np.inf
+
+    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+        """Return the rows (N, 3K + 1) of the next samples with the noise in them, tesla."""
+        return rows_T + self.drawn(covariates.time_s)
+
+    def drawn(self, time_s: FloatArray) -> FloatArray:
+        """Return the noise (N, 3K + 1) of the next samples, at times (N,) in seconds, tesla."""
+        noise: FloatArray = self._white.normal(size=(len(time_s), len(self._white_T))) * self._white_T
+        if len(self._decay):
+            blocks = [self._coloured(time_s[start : start + BLOCK]) for start in range(0, len(time_s), BLOCK)]
+            noise += np.concatenate(blocks)
+        return noise
+
+    def _coloured(self, time_s: FloatArray) -> FloatArray:
+        step = np.diff(time_s, prepend=self._newest_s)[:, None]
+        self._newest_s = float(time_s[-1])
+        # After a pause, or where time goes back, nothing is left of a mode: its next kick makes it anew.
+        exponent = np.where(step > 0, np.maximum(step, 0) * self._decay, 1e3)
+        size = -np.expm1(-2 * exponent.real) / (2 * self._decay.real)
+        square = -np.expm1(-2 * exponent) / (2 * self._decay)
+        along, across = (np.sqrt(np.maximum(size + sign * np.abs(square), 0) / 2) for sign in (1, -1))
+        drawn = self._kicks.normal(size=(*exponent.shape, 2))
+        kick = self._drive_T * np.exp(0.5j * np.angle(square)) * (along * drawn[..., 0] + 1j * across * drawn[..., 1])
+        modes: NDArray[np.complexfloating] = follow(kick, np.zeros_like(kick), self._state, exponent)[1:]
+        self._state = modes[-1]
+        return (self._reading * modes).real @ self._to_rows
+
+
+def _modes(term: NoiseTerm, rate_hz: float, span_s: float) -> list[tuple[complex, float]]:
+    """Return λ in 1/s and the variance in T² of each mode of a term."""
+    constants_s, variances_T2 = slow_modes(term, rate_hz, span_s)
+    modes = list(zip(1 / constants_s.astype(complex), variances_T2, strict=True))
+    if term.band_hz is not None:
+        low, high = term.band_hz
+        modes.append((np.pi * complex(high - low, -high - low), term.band_T**2))
+    return modes
+
+
+def _readings_of(decay: NDArray[np.complexfloating], rate_hz: float) -> NDArray[np.complexfloating]:
+    """Return c of each mode: at the rate of the recording a band is an AR(2) process, as near as it can be."""
+    turn = np.where(decay.imag == 0, np.pi / 2, -decay.imag / rate_hz)
+    wanted = -np.arctan(np.tanh(decay.real / rate_hz) / np.tan(turn))
+    lean = decay.real / np.abs(decay)  # of |E z²| to E |z|²
+    angle = wanted + np.arcsin(np.clip(np.sin(wanted) / lean, -1, 1))
+    return np.asarray(np.exp(0.5j * (angle + np.angle(decay))))
+
+
+class StreamedEffect(Protocol):
+    """An effect on samples that arrive."""
+
+    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+        """Return the rows (N, 3K + 1) of the next samples with the effect in them, tesla."""
+
+
+def streamed(fitted: FittedEffect, generator: np.random.Generator) -> list[StreamedEffect]:
+    """Return an effect for samples that arrive; where it is random, each contribution by itself.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+        The effect with its numbers.
+    generator : numpy.random.Generator
+        Source of the random numbers.
+
+    Raises
+    ------
+    InputError
+        When the effect needs samples that are still to come.
+    """
+    effect, parts = effect_named(fitted.effect), fitted.contributions
+    if isinstance(effect, LinearEffect):
+        return [_Recursive(fitted, generator) if effect.is_causal else _FromThePast(fitted, generator)]
+    assert isinstance(effect, FoundEffect)
+    if effect.stream not in _STREAMS:
+        raise InputError(
+            f"{fitted.effect} cannot be added to samples as they arrive, for it needs those to come: "
+            "add it to the whole recording with tam simulate --from-comparison"
+        )
+    kind = _STREAMS[effect.stream]
+    return [
+        kind(replace(fitted, contributions=(part,)), own)
+        for part, own in zip(parts, generator.spawn(len(parts)), strict=True)
+    ]
+
+
+class _Recursive:
+    """What depends on the sample itself, and on the past through recursions."""
+
+    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
+        self._fitted, self._generator, self._memory = fitted, generator, Memory()
+
+    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+        self._memory.rewind()
+        here = replace(covariates, memory=self._memory)
+        return effect_named(self._fitted.effect).add(rows_T, here, self._fitted, self._generator)
+
+
+_WINDOW = 256
+"""Samples of the past from which an effect of the field's course is worked out: lags of a fifth of it have settled."""
+
+_FITTED, _DEGREE = 12, 4
+"""Samples, and the degree of the polynomial through them that extrapolates the field.
+
+With them the rate of change has the noise of a central difference, and errs by 1 % where the field turns by 0.2 rad in
+a sample.
+"""
+
+_AHEAD = 3
+"""Samples that are extrapolated: as many as rates of change look at on either side."""
+
+
+class _FromThePast:
+    """What depends on the field's course about the sample, which a polynomial extrapolates."""
+
+    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
+        self._fitted, self._generator = fitted, generator
+        self._past: Covariates | None = None
+
+    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+        samples = (slice(index, index + 1) for index in range(len(rows_T)))
+        return np.concatenate([self._with(rows_T[one], covariates.take(one)) for one in samples])
+
+    def _with(self, row_T: FloatArray, sample: Covariates) -> FloatArray:
+        past = sample if self._past is None else _joined(self._past, sample)
+        self._past = past.take(past.stretches[-1]).take(slice(-_WINDOW, None))
+        course = _continued(self._past)
+        nothing = np.zeros((course.sample_count, row_T.shape[1]))
+        signal = effect_named(self._fitted.effect).add(nothing, course, self._fitted, self._generator)
+        return np.asarray(row_T + signal[-1 - _AHEAD])
+
+
+def _joined(past: Covariates, sample: Covariates) -> Covariates:
+    """Return time and field of one sample behind those of others."""
+    time, field = (np.concatenate(both) for both in ((past.time_s, sample.time_s), (past.field_T, sample.field_T)))
+    return Covariates(time, field, past.errors, past.array)
+
+
+def _continued(past: Covariates) -> Covariates:
+    """Return time and field with some samples that a polynomial through the last ones extrapolates."""
+    count = min(_FITTED, past.sample_count)
+    step = float(np.median(np.diff(past.time_s[-count:]))) if count > 1 else 1.0
+    known, ahead = (past.time_s[-count:] - past.time_s[-1]) / step, np.arange(1.0, _AHEAD + 1)
+    powers = np.arange(1 + min(_DEGREE, count // 2))
+    extrapolated = (
+        ahead[:, None] ** powers @ np.linalg.lstsq(known[:, None] ** powers, past.field_T[-count:], rcond=None)[0]
+    )
+    time = np.concatenate([past.time_s, past.time_s[-1] + step * ahead])
+    return Covariates(time, np.concatenate([past.field_T, extrapolated]), past.errors, past.array)
+
+
+class _Spikes:
+    """Bursts of samples at random times in which readings are far off."""
+
+    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
+        (self._part,) = fitted.contributions
+        self._burst = samples_in(self._part, "burst", BLOCK)
+        self._chance = self._part.values["rate"] / self._burst
+        self._when, self._what = generator.spawn(2)
+        self._since = self._burst
+
+    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+        index, touched = np.arange(len(rows_T)), rows_of(self._part, covariates)
+        starts = np.where(self._when.random(len(index)) < self._chance, index, -self._since)
+        latest = np.maximum.accumulate(starts)
+        self._since = int(len(index) - latest[-1])
+        is_struck = (index - latest < self._burst)[:, None]
+        rows = rows_T.copy()
+        rows[:, touched] = np.where(is_struck, self._struck(rows_T[:, touched], latest), rows[:, touched])
+        return rows
+
+    def _struck(self, rows_T: FloatArray, latest: NDArray[np.intp]) -> FloatArray:
+        """Return what rows (N, n) would read in a burst, if each sample's latest one began at the given index."""
+        return rows_T + self._what.normal(0, self._part.values["size"], rows_T.shape)
+
+
+class _Stale(_Spikes):
+    """Bursts in which readings repeat the one before the burst, or come some samples late."""
+
+    _past_T: FloatArray | None = None
+
+    def _struck(self, rows_T: FloatArray, latest: NDArray[np.intp]) -> FloatArray:
+        late = samples_in(self._part, "samples late", BLOCK)
+        past = rows_T[:0] if self._past_T is None else self._past_T
+        known = np.concatenate([past, rows_T])
+        self._past_T = known[-max(self._burst, late) :]
+        source = latest - 1 if self._part.term == "repeats" else np.arange(len(rows_T)) - late
+        return np.asarray(known[np.maximum(source + len(past), 0)])
+
+
+_STREAMS: dict[str, Callable[[FittedEffect, np.random.Generator], StreamedEffect]] = {
+    "of_sample": _Recursive,
+    "of_course": _FromThePast,
+    "spikes": _Spikes,
+    "repeats": _Stale,
+}
+"""The class for each kind of an effect that is no linear one; one of complete recordings has none."""
 
 
 class Additions:

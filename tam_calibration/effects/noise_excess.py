@@ -18,8 +18,8 @@ from numpy.random import Generator
 
 from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
-from tam_calibration.effects.outliers import without_spikes
 from tam_calibration.effects.residuals import WhitenedResiduals, places
+from tam_calibration.effects.single_samples import without_spikes
 from tam_calibration.effects.term import rows_of
 from tam_calibration.model.units import FloatArray
 

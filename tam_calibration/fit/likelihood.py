@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.least_squares import Elimination, Normal, gram
 from tam_calibration.core.noise import VarianceFactors
-from tam_calibration.effects.ambient_gradient import turned
+from tam_calibration.effects.surroundings import turned
 from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS

@@ -16,7 +16,7 @@ from numpy.linalg import inv
 from tam_calibration.core.least_squares import gram
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.effects.ambient_gradient import require_attitude
+from tam_calibration.effects.surroundings import require_attitude
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.ellipsoid import Normalized, normalize
 from tam_calibration.fit.estimate import make_calibration, student_noises

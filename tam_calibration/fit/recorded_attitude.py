@@ -21,7 +21,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Normal, gram
 from tam_calibration.correction.calibration import AmbientGradientEstimate
-from tam_calibration.effects.ambient_gradient import require_attitude, without_gradient
+from tam_calibration.effects.surroundings import require_attitude, without_gradient
 from tam_calibration.fit.ellipsoid import Normalized, sphere_center
 from tam_calibration.fit.likelihood import ChannelMaps, Turning
 from tam_calibration.model.array import UNIT_TENSORS, Array, KnownNoiseArray

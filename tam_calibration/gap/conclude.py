@@ -8,11 +8,10 @@ import numpy as np
 from tam_calibration.effects.grades import MINOR, MOST, NOTABLE
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
-from tam_calibration.gap.causes import considered, locate, numbered_causes, placed
+from tam_calibration.gap.causes import considered, locate, numbered_causes, placed, probabilities, set_of
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.probabilities import probabilities, set_of
 from tam_calibration.gap.result import Cause, Gap, Residue, Size, Verdict, Where
 from tam_calibration.gap.size import measure, noise_variance, words_of
 from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
+from tam_calibration.effects.converter import find_lattices
 from tam_calibration.effects.covariates import LEAST_TURN
 from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
-from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray

@@ -32,9 +32,8 @@ from tam_calibration.gap.nominal import (
 )
 from tam_calibration.gap.physical import objection_to, sensed_intensity
 from tam_calibration.gap.regression import Base
-from tam_calibration.gap.regressors import update
+from tam_calibration.gap.regressors import World, oriented, turns, update
 from tam_calibration.gap.whitened_channels import WhitenedChannels
-from tam_calibration.gap.world import World, oriented, turns
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect

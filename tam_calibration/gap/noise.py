@@ -11,8 +11,8 @@ from tam_calibration.core.least_squares import Elimination
 from tam_calibration.effects.removal import agreed_field
 from tam_calibration.gap.floor import least_factor, stated_noise, white_variance
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.regressors import products_of
 from tam_calibration.gap.spectrum import Colour, Shapes, Spectra, colour_of, spectra_of
-from tam_calibration.gap.world import products_of
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import InterpolatedNoise, Recording

@@ -24,7 +24,7 @@ from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
 from tam_calibration.fit.information import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.published import mirror_images
-from tam_calibration.gap.world import products_of
+from tam_calibration.gap.regressors import products_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import FittedEffect

@@ -10,7 +10,7 @@ import numpy as np
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.outliers import A_DOZEN
+from tam_calibration.effects.single_samples import A_DOZEN
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law

@@ -19,8 +19,7 @@ from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.effects.term import Term, at_rows, thinned
-from tam_calibration.gap.regressors import Regressors, calibration_regressors
-from tam_calibration.gap.world import World, world_design
+from tam_calibration.gap.regressors import Regressors, World, calibration_regressors, world_design
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.fitted_effect import SCALAR, Shape
 from tam_calibration.model.recording import Recording

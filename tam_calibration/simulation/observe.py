@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.effects.ambient_gradient import gradient_field, turned
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.removal import agreed_field, filled, removable
+from tam_calibration.effects.surroundings import gradient_field, turned
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError

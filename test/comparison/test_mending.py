@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tam_calibration.comparison.compare import mend_of, mended_twin
 from tam_calibration.comparison.differences import differences_between
-from tam_calibration.comparison.mending import mend_of, mended_twin
 
 
 def mended(simulation, recording):

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.comparison.mending import source_error, source_of
+from tam_calibration.comparison.compare import source_error, source_of
 
 
 def test_a_source_in_a_clean_run_is_found_within_its_noise(side):

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.effects.ambient_gradient import (
+from tam_calibration.effects.surroundings import (
     AmbientGradient,
     gradient_field,
     require_attitude,

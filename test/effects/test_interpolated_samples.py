@@ -6,7 +6,7 @@ from findings import evidence
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.displaced_samples import InterpolatedSamples, StaleSamples, _digit, _lines
+from tam_calibration.effects.single_samples import InterpolatedSamples, StaleSamples, _digit, _lines
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import Contribution
 from tam_calibration.model.sensor_errors import SensorErrors

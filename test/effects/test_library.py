@@ -99,7 +99,7 @@ def test_an_unknown_effect_is_told():
     [
         ("no_such_package.tide:Tide", "the effect tide of no_such_package.tide:Tide cannot be loaded"),
         ("collections:OrderedDict", "the entry point tide = collections:OrderedDict is no effect of that name"),
-        ("tam_calibration.effects.outliers:Outliers", "is no effect of that name"),
+        ("tam_calibration.effects.single_samples:Outliers", "is no effect of that name"),
     ],
 )
 def test_a_broken_package_is_named(monkeypatch, point, sentence):

@@ -3,11 +3,9 @@
 import pytest
 from findings import evidence
 
-from tam_calibration.effects.displaced_samples import InterpolatedSamples, StaleSamples
+from tam_calibration.effects.converter import Saturation, find_lattices
 from tam_calibration.effects.noise_excess import NoiseExcess, TimingJitter
-from tam_calibration.effects.outliers import Outliers
-from tam_calibration.effects.quantization import find_lattices
-from tam_calibration.effects.saturation import Saturation
+from tam_calibration.effects.single_samples import InterpolatedSamples, Outliers, StaleSamples
 
 NEVER_FOUND = (InterpolatedSamples(), NoiseExcess(), Saturation(), StaleSamples())
 WEIGHED = (Outliers(), TimingJitter())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.displaced_samples import AgainstOthers, InterpolatedSamples, StaleSamples
+from tam_calibration.effects.single_samples import AgainstOthers, InterpolatedSamples, StaleSamples
 
 
 def before_calibration(residuals, sensor):

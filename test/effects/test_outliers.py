@@ -5,7 +5,7 @@ import pytest
 from findings import evidence
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.outliers import Outliers, find_spikes
+from tam_calibration.effects.single_samples import Outliers, find_spikes
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 
 OUTLIERS = Outliers()

@@ -8,8 +8,8 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 
 from tam_calibration.effects.lags import followed
-from tam_calibration.effects.platform_field import PlatformField
 from tam_calibration.effects.removal import EffectStream, require_channels
+from tam_calibration.effects.surroundings import PlatformField
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
 from tam_calibration.model.recording import Recording

@@ -5,8 +5,8 @@ import pytest
 from findings import evidence
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects.converter import Lattice, Quantization, _by_step, _frequency, _visible, find_lattices
 from tam_calibration.effects.noise_excess import NoiseExcess
-from tam_calibration.effects.quantization import Lattice, Quantization, _by_step, _frequency, _visible, find_lattices
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 
 QUANTIZATION = Quantization()

@@ -5,7 +5,7 @@ import pytest
 from findings import evidence
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.effects.saturation import Saturation, find_limits
+from tam_calibration.effects.converter import Saturation, find_limits
 from tam_calibration.model.fitted_effect import ALL, Contribution
 
 SATURATION = Saturation()

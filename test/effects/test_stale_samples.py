@@ -5,8 +5,7 @@ import pytest
 from findings import evidence
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.displaced_samples import StaleSamples
-from tam_calibration.effects.outliers import Outliers
+from tam_calibration.effects.single_samples import Outliers, StaleSamples
 from tam_calibration.model.fitted_effect import Contribution
 
 STALE = StaleSamples()

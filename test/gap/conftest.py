@@ -8,8 +8,8 @@ from numpy.linalg import inv, norm
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.regressors import World
 from tam_calibration.gap.whitened_channels import WhitenedChannels
-from tam_calibration.gap.world import World
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.regressors import oriented
 from tam_calibration.gap.size import measure
-from tam_calibration.gap.world import oriented
 from tam_calibration.model.fitted_effect import FittedEffect
 
 MAGNET_T = np.array([-3e-6, -0.3e-6, 27e-6])

@@ -10,8 +10,8 @@ from tam_calibration.effects.effect import Finding, FoundEffect
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.recursions import lagged
 from tam_calibration.gap.hypothesis import Hypothesis, best_form
-from tam_calibration.gap.offers import Offers
 from tam_calibration.gap.regression import twice_log_likelihood_ratio
+from tam_calibration.gap.search import Offers
 from tam_calibration.gap.size import (
     Evidence,
     evidence_of,

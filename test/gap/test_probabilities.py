@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.effects.courses import TemperatureDrift
 from tam_calibration.effects.curves import Nonlinearity
+from tam_calibration.gap.causes import energies_of, features_of, probabilities, right, set_of, shares_of
 from tam_calibration.gap.hypothesis import given_form
-from tam_calibration.gap.probabilities import energies_of, features_of, probabilities, right, set_of, shares_of
 from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.steps import Step
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect

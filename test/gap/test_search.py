@@ -14,7 +14,7 @@ from tam_calibration.gap.diagnose import judge
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.offers import Offers, is_plausible
+from tam_calibration.gap.search import Offers, is_plausible
 from tam_calibration.gap.steps import Search
 from tam_calibration.model.recording import Recording
 

@@ -2,13 +2,16 @@
 
 from tam_calibration.comparison.mistakes.frames import (
     frames_of,
+    ignored_field,
     mistaken_attitude,
     mistaken_axes,
+    mistaken_field,
     turned_against_others,
+    unturned,
+    without_field,
 )
 from tam_calibration.comparison.mistakes.noise import mistaken_noise
 from tam_calibration.comparison.mistakes.units import mistaken_stamps, mistaken_units
-from tam_calibration.comparison.mistakes.world import ignored_field, mistaken_field, unturned, without_field
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.integrity.fault import Overview
 from tam_calibration.integrity.placement import Motion, placements

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import FEWEST, MINOR, NEARLY_ALL, NOTABLE
-from tam_calibration.effects.outliers import A_DOZEN
 from tam_calibration.effects.recursions import lagged
+from tam_calibration.effects.single_samples import A_DOZEN
 from tam_calibration.gap.laws.decisions import COARSE, LEAST_EVIDENCE, ROUNDING, SCATTER_SIZES, TOLERANCE
 from tam_calibration.gap.laws.law import Place, Signature
 from tam_calibration.gap.laws.patterns import AXES, sensor_rows

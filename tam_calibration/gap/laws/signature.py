@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.effects.converter import find_lattices
 from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
-from tam_calibration.effects.quantization import find_lattices
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, LEAST_SHARE, TIE
 from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws

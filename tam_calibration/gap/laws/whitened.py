@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from tam_calibration.effects.covariates import to_world
 from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.regressors import turns
 from tam_calibration.gap.whitened_channels import WhitenedChannels
-from tam_calibration.gap.world import turns
 from tam_calibration.model.units import FloatArray, IntArray
 
 _LAST_BY_ROWS: "WeakKeyDictionary[Residual, dict[tuple[int, ...], tuple[FloatArray, FloatArray]]]" = WeakKeyDictionary()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.comparison.mistakes import fast_residuals, noise, units, world
+from tam_calibration.comparison.mistakes import frames, noise, units
 from tam_calibration.comparison.mistakes.frames import MIRRORED_FIELDS, Frames
 from tam_calibration.integrity.placement import Motion, Placement, allowed
 from tam_calibration.model.array import Array
@@ -53,7 +53,7 @@ OTHER_HEMISPHERE, SOUTHWARDS = (MIRRORED_FIELDS[kind] @ RIGHT for kind in ("wron
 )
 def test_fields_of_the_world(own, right, kind):
     """Vertical, of the other side, of another size: as one sensor reads them."""
-    assert world._kind(own, right, 1) == kind
+    assert frames._kind(own, right, 1) == kind
 
 
 @pytest.mark.parametrize(("deviation", "is_told"), [(0.08, True), (0.06, False)])
@@ -63,15 +63,15 @@ def test_a_world_that_hardly_turns_tells_no_field(deviation, is_told):
     tilts = np.column_stack([generator.normal(0, deviation, (2000, 2)), np.zeros(2000)])
     heading = Rotation.from_euler("z", generator.uniform(0, 2 * np.pi, (2000, 1)))
     motion = Motion.of((heading * Rotation.from_rotvec(tilts)).as_quat())
-    frames = Frames(np.eye(3)[None], OTHER_HEMISPHERE, RIGHT)
-    assert (world.mistaken_field(frames, motion, motion) is not None) == is_told
+    found = Frames(np.eye(3)[None], OTHER_HEMISPHERE, RIGHT)
+    assert (frames.mistaken_field(found, motion, motion) is not None) == is_told
 
 
 @pytest.mark.parametrize(("part", "silent"), [(0.017, [1]), (0.023, [])])
 def test_a_fiftieth_of_the_field_is_none(part, silent):
     """Readings of a sensor beside those of the recording."""
     one, other = (Recording(np.arange(50.0), np.full((50, 1, 3), size)) for size in (part * 3e-5, 3e-5))
-    assert world.without_field(one, other) == silent
+    assert frames.without_field(one, other) == silent
 
 
 def test_axes_that_explain_the_readings():
@@ -142,24 +142,24 @@ def test_levels_of_noise(own_T, right_T, name):
 @pytest.mark.parametrize(("count", "channels"), [(99, 0), (100, 3)])
 def test_short_sequences_are_not_compared(count, channels):
     """A hundred differences at least."""
-    white = np.random.default_rng(4).normal(0, 1e-9, (count + fast_residuals.ORDER, 1, 3))
+    white = np.random.default_rng(4).normal(0, 1e-9, (count + noise.ORDER, 1, 3))
     assert len(noise._white(Recording(np.arange(len(white)) / 10, 3e-5 + white))) == channels
 
 
 @pytest.mark.parametrize(("size_T", "is_noise"), [(1.5e-12, False), (3e-12, True)])
 def test_rounding_is_no_noise(size_T, is_noise):
     """Of 32 bits it makes a picotesla."""
-    white = fast_residuals.differences(np.random.default_rng(5).normal(0, size_T, 4000))
-    assert fast_residuals.is_white(white) == is_noise
+    white = noise.differences(np.random.default_rng(5).normal(0, size_T, 4000))
+    assert noise.is_white(white) == is_noise
 
 
 @pytest.mark.parametrize(("part", "is_white"), [(0.12, True), (0.28, False)])
 def test_a_line_is_not_white(part, is_white):
     """A line at a quarter of the rate moves the autocorrelation by 1.6 times its part of the power."""
     generator = np.random.default_rng(6)
-    sequence = fast_residuals.differences(generator.normal(size=8000))
+    sequence = noise.differences(generator.normal(size=8000))
     line = np.sqrt(2 * part) * np.cos(np.pi / 2 * np.arange(len(sequence)))
-    assert fast_residuals.is_white(np.sqrt(1 - part) * sequence / sequence.std() + line) == is_white
+    assert noise.is_white(np.sqrt(1 - part) * sequence / sequence.std() + line) == is_white
 
 
 @pytest.mark.parametrize(("along", "is_noise"), [(0.4, False), (0.6, True)])
@@ -167,7 +167,7 @@ def test_noise_is_along_the_field_as_across_it(along, is_noise):
     """What a motion leaves is across it: of a residual half at least lies along."""
     own = along * np.sqrt(2 / (3 - along**2))
     residual = np.random.default_rng(7).normal(size=(20_000, 3)) * [own, 1, 1]
-    assert fast_residuals._is_noise(residual, np.tile([50.0, 0, 0], (20_000, 1))) == is_noise
+    assert noise._is_noise(residual, np.tile([50.0, 0, 0], (20_000, 1))) == is_noise
 
 
 @pytest.mark.parametrize(("turn", "is_told"), [(1.83, True), (2.09, False)])
@@ -176,7 +176,7 @@ def test_attitude_explains_a_motion_that_is_followed(turn, is_told):
     attitude = Rotation.from_euler("z", turn * np.arange(600)[:, None])
     readings = attitude.inv().apply([20e-6, 0, -40e-6]) + np.random.default_rng(8).normal(0, 1e-9, (600, 3))
     recording = Recording(np.arange(600.0), readings[:, None], attitude=attitude.as_quat())
-    assert (fast_residuals.noise_sequence(recording, 0) is not None) == is_told
+    assert (noise.noise_sequence(recording, 0) is not None) == is_told
 
 
 @pytest.mark.parametrize(("count", "is_told"), [(39, False), (41, True)])
@@ -184,7 +184,7 @@ def test_forty_samples_tell_noise(count, is_told):
     """Four for each number by which attitude explains an axis."""
     readings = 3e-5 + np.random.default_rng(9).normal(0, 1e-9, (count, 1, 3))
     recording = Recording(np.arange(float(count)), readings)
-    assert (fast_residuals.noise_sequence(recording, 0) is not None) == is_told
+    assert (noise.noise_sequence(recording, 0) is not None) == is_told
 
 
 @pytest.mark.parametrize(("part", "is_shared"), [(0.008, True), (0.013, False)])
@@ -197,7 +197,7 @@ def test_a_hundredth_of_its_own_makes_a_noise_unshared(part, is_shared):
     recording = Recording(
         np.arange(2000) / 100, field + generator.normal(0, 1e-7, (2000, 1, 3)) + own, attitude=attitude.as_quat()
     )
-    assert fast_residuals.is_shared(recording, 0) == is_shared
+    assert noise.is_shared(recording, 0) == is_shared
 
 
 @pytest.mark.parametrize(("size", "is_kept"), [(4.0, True), (7.0, False)])
@@ -205,4 +205,4 @@ def test_a_difference_of_five_deviations_is_a_jerk(size, is_kept):
     """What touches it is left out."""
     sequence = np.random.default_rng(11).normal(size=(4000, 1)).clip(-3, 3)
     sequence[2000] = size
-    assert (fast_residuals._without_jerks(sequence)[2000, 0] != 0) == is_kept
+    assert (noise._without_jerks(sequence)[2000, 0] != 0) == is_kept

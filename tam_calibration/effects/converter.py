@@ -1,6 +1,10 @@
-"""Quantization: readings that are whole steps, so coarse that rounding is a visible part of the noise.
+"""Effects of the converter: readings that are whole steps (quantization), or stay at an end of the range (saturation).
 
-All readings of a row then differ by multiples of a step. The step is sought as a frequency at which the differences
+What lies beyond the range of a converter or amplifier is read as its end. Readings then repeat at the largest or
+smallest value, where the other sensors say that the axis should have read more (IEEE Std 1241-2010, Terminology and
+Test Methods for Analog-to-Digital Converters, on overload).
+
+Quantized readings of a row differ by multiples of a step. The step is sought as a frequency at which the differences
 between readings of nearly the same size have one phase: |mean exp(2πi f d)| is 1 at f = 1/step and its multiples, and
 some 1/√M elsewhere. What the decimals of a file make is a lattice as well; it is left aside where its rounding is no
 visible part of the noise. Rounding adds the variance step²/12 (Bennett 1948, Spectra of Quantized Signals).
@@ -12,15 +16,110 @@ regression that explains the same energy, and so comparable with it; a noise of 
 residual is not as large as rounding would make it, the stated noise holds it already and nothing is found.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
-from tam_calibration.effects.effect import Covariates, Finding, FoundEffect, WhitenedResiduals
-from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
+from tam_calibration.core.noise import noise_deviation
+from tam_calibration.effects.effect import Covariates, Finding, FoundEffect
+from tam_calibration.effects.grades import CERTAIN, FEWEST, LEAST_SAMPLES, MINOR, MOST, NEGLIGIBLE, NOTABLE
+from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 from tam_calibration.model.units import FloatArray
+
+_ENDS = {"upper limit": 1.0, "lower limit": -1.0}
+"""Signs that turn either end of a range into an upper one."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Limit:
+    row: int
+    end: str
+    value_T: float
+    standard_error_T: float
+    samples: NDArray[np.intp]
+
+
+class Saturation(FoundEffect):
+    """An axis that reads the end of its range where the field lies beyond."""
+
+    def find(self, residuals: WhitenedResiduals) -> Finding | str:
+        """Return the limits, and as flagged the samples at them, or why there is none."""
+        limits = find_limits(residuals)
+        if not limits:
+            return "no axis stays at its largest or smallest reading where the others say that it should read more"
+        flagged = np.zeros(len(residuals.energy), dtype=bool)
+        flagged[np.concatenate([limit.samples for limit in limits])] = True
+        saved = sum(float(np.sum(residuals.row_deviations[one.samples, one.row] ** 2 - 1)) for one in limits)
+        return self.of_samples(_of_limits(limits), residuals, flagged, saved, 2 * len(limits))
+
+    def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
+        """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
+        return np.clip(rows_T, part.values.get("lower limit", -np.inf), part.values.get("upper limit", np.inf))
+
+
+def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
+    """Return the limits at which axes stay, at the upper and the lower end."""
+    readings = residuals.recording.readings_T.reshape(len(residuals.energy), -1)
+    told = [_limit_of(residuals, row, end, own) for row, own in enumerate(readings.T) for end in _ENDS]
+    return [limit for limit in told if limit is not None]
+
+
+def _limit_of(residuals: WhitenedResiduals, row: int, end: str, reading: FloatArray) -> _Limit | None:
+    """Return the limit at one end of a row: where readings repeat, or where they pile up within their noise."""
+    sign, information = _ENDS[end], residuals.row_information[:, row]
+    if not (information > 0).any():
+        return None
+    noise = 1 / np.sqrt(float(np.mean(information[information > 0])))
+    outward = sign * reading
+    top = float(outward.max())
+    at_limit = np.flatnonzero(outward == top)
+    inner = outward[outward < top]
+    # On a coarse lattice of readings the next step down holds about as many.
+    next_count = int(np.sum(inner == inner.max())) if len(inner) else 0
+    is_repeated = len(at_limit) > 3 * (next_count - 1)
+    if len(at_limit) == 1 or not is_repeated:
+        piled = _pile(outward, sign * residuals.row_shift_T[:, row], noise)
+        at_limit = piled if len(piled) or not is_repeated else at_limit
+    if len(at_limit) < 2:
+        return None
+    deviations = residuals.row_deviations[:, row]
+    excess = -sign * np.sum(deviations[at_limit]) / (CERTAIN * np.sqrt(len(at_limit)))
+    if not excess > max(1.0, float(noise_deviation(deviations))):
+        return None
+    spread = float(np.std(outward[at_limit]))
+    return _Limit(row, end, sign * float(np.mean(outward[at_limit])), spread / np.sqrt(len(at_limit)), at_limit)
+
+
+def _pile(outward: FloatArray, shift: FloatArray, noise: float) -> NDArray[np.intp]:
+    """Return the readings that stay within their noise of one value although they should differ, none if so."""
+    expected = outward - shift
+    order = np.argsort(expected)[::-1]
+    count = np.arange(1, len(order) + 1)
+    depth = outward[order] - outward.max()
+    scatter = np.cumsum(depth**2) / count - (np.cumsum(depth) / count) ** 2
+    lost = np.cumsum(shift[order] ** 2)
+    # Energy explained by a constant instead of the expected reading, for the k largest expected readings.
+    best = int(np.argmax(lost - count * np.maximum(scatter, 0)))
+    chosen = order[: best + 1]
+    if len(chosen) < FEWEST:
+        return chosen[:0]
+    should, did = expected[chosen] - expected[chosen].mean(), outward[chosen] - outward[chosen].mean()
+    is_flat = should @ should > len(chosen) * (3 * noise) ** 2 and abs(should @ did) < NOTABLE * (should @ should)
+    return chosen if is_flat and np.std(did) < 2 * noise else chosen[:0]
+
+
+def _of_limits(limits: list[_Limit]) -> Iterator[Contribution]:
+    for row, of_row in groupby(limits, key=lambda limit: limit.row):
+        ends = {limit.end: (limit.value_T, limit.standard_error_T) for limit in of_row}
+        values, errors = ({end: both[index] for end, both in ends.items()} for index in (0, 1))
+        sensor, axis = divmod(row, 3)
+        yield Contribution(sensor, axis, "limit", values, errors)
+
 
 _FINEST = 0.5
 """Smallest step searched, in standard deviations of a row's noise: rounding is then 2 % of the variance."""
@@ -59,7 +158,7 @@ class Quantization(FoundEffect):
         if rounding < MINOR * (energy - count):
             return "rounding to the steps of the readings is a small part of the gap"
         gain = count * float(np.log(energy / (energy - rounding)))
-        parts = _contributions(lattices, residuals.covariates.sensor_count)
+        parts = _of_lattices(lattices, residuals.covariates.sensor_count)
         return self.found(parts, gain, len(_by_step(lattices)), variance=variance)
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
@@ -179,7 +278,7 @@ def _visible(lattices: list[Lattice], square: FloatArray, information: FloatArra
     return sorted(kept, key=lambda lattice: lattice.row)
 
 
-def _contributions(lattices: list[Lattice], sensor_count: int) -> list[Contribution]:
+def _of_lattices(lattices: list[Lattice], sensor_count: int) -> list[Contribution]:
     """Return the one step of all sensors where they share it, and the steps of the other rows."""
     scalar, steps = 3 * sensor_count, [lattice.step_T for lattice in lattices]
     have_all = sensor_count > 1 and {lattice.row for lattice in lattices}.issuperset(range(scalar))
