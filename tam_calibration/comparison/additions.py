@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.comparison.mend import Mend, NoiseTerm, slow_modes
-from tam_calibration.effects.covariates import Covariates
+from tam_calibration.effects.covariates import NEIGHBOURS, Covariates
 from tam_calibration.effects.effect import FoundEffect, LinearEffect
 from tam_calibration.effects.library import check_numbers, effect_named
 from tam_calibration.effects.recursions import Memory, follow
@@ -185,9 +185,6 @@ With them the rate of change has the noise of a central difference, and errs by 
 a sample.
 """
 
-_AHEAD = 3
-"""Samples that are extrapolated: as many as rates of change look at on either side."""
-
 
 class _FromThePast:
     """What depends on the field's course about the sample, which a polynomial extrapolates."""
@@ -206,7 +203,7 @@ class _FromThePast:
         course = _continued(self._past)
         nothing = np.zeros((course.sample_count, row_T.shape[1]))
         signal = effect_named(self._fitted.effect).add(nothing, course, self._fitted, self._generator)
-        return np.asarray(row_T + signal[-1 - _AHEAD])
+        return np.asarray(row_T + signal[-1 - NEIGHBOURS // 2])
 
 
 def _joined(past: Covariates, sample: Covariates) -> Covariates:
@@ -216,10 +213,13 @@ def _joined(past: Covariates, sample: Covariates) -> Covariates:
 
 
 def _continued(past: Covariates) -> Covariates:
-    """Return time and field with some samples that a polynomial through the last ones extrapolates."""
+    """Return time and field with samples that a polynomial through the last ones extrapolates.
+
+    They are as many as rates of change look at on either side.
+    """
     count = min(_FITTED, past.sample_count)
     step = float(np.median(np.diff(past.time_s[-count:]))) if count > 1 else 1.0
-    known, ahead = (past.time_s[-count:] - past.time_s[-1]) / step, np.arange(1.0, _AHEAD + 1)
+    known, ahead = (past.time_s[-count:] - past.time_s[-1]) / step, np.arange(1.0, NEIGHBOURS // 2 + 1)
     powers = np.arange(1 + min(_DEGREE, count // 2))
     extrapolated = (
         ahead[:, None] ** powers @ np.linalg.lstsq(known[:, None] ** powers, past.field_T[-count:], rcond=None)[0]

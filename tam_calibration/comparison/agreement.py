@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from tam_calibration.comparison.result import EffectDifference, NoiseDifference
 from tam_calibration.comparison.side import CERTAIN, Side
 from tam_calibration.effects.effect import LinearEffect
+from tam_calibration.effects.grades import SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.noise_excess import NoiseExcess
+from tam_calibration.effects.removal import removable
 from tam_calibration.gap.laws.law import CAUSES
-from tam_calibration.gap.noise import INTERVAL, AxisNoise
+from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Cause
 from tam_calibration.gap.size import unusable
 from tam_calibration.model.exceptions import InputError, Refused
@@ -133,16 +135,13 @@ def _size_at(place: tuple[int, int | None], fitted: FittedEffect) -> float:
     return float(np.linalg.norm(values))
 
 
-LEAST_DIFFERENCE = 0.05
-"""Relative difference of two levels that is none in practice: sensors of one kind differ by more."""
-
-
 def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
     """Return whether two noises of an axis differ by more than chance, and by more than matters in practice.
 
     Of two white noises the standard deviations of a sample are compared directly, also where their rates differ.
     Else the spectra are compared at the frequencies that both have, in all and in bands of equal information: the level
     of slow noise grows with the duration, its density does not. They too are those of a sample: densities times rates.
+    A slight difference of two levels is none in practice: sensors of one kind differ by more.
 
     Parameters
     ----------
@@ -159,7 +158,7 @@ def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
         # Near zero the relative error of a level has no bound; the error of its square has.
         before_T2, after_T2 = (2 * noise.level_T * noise.level_error_T for noise in (simulation, recording))
         is_certain = abs(ratio) > CERTAIN * error or abs(more_T2) > CERTAIN * np.hypot(before_T2, after_T2)
-        return bool(is_certain and abs(ratio) > np.log1p(LEAST_DIFFERENCE))
+        return bool(is_certain and abs(ratio) > np.log1p(SLIGHT))
     (before, before_error), (after, after_error) = _powers_of_both(simulation, recording)
     # With 60 degrees of freedom the ratio of two bands is nearly normal.
     group = np.cumsum(2 / (before_error**2 + after_error**2)) // 60.0
@@ -168,7 +167,7 @@ def differs(simulation: AxisNoise, recording: AxisNoise) -> bool:
     bands = np.column_stack([bands, np.ones(len(before), dtype=bool)])
     ratio = np.log((after @ bands) / (before @ bands)) / 2
     error = np.hypot(_error_of_sum(before, before_error, bands), _error_of_sum(after, after_error, bands)) / 2
-    return bool((np.abs(ratio) > np.maximum(np.log1p(LEAST_DIFFERENCE), CERTAIN * error)).any())
+    return bool((np.abs(ratio) > np.maximum(np.log1p(SLIGHT), CERTAIN * error)).any())
 
 
 def _error_of_sum(power: FloatArray, error: FloatArray, bands: NDArray[np.bool_]) -> FloatArray:
@@ -188,7 +187,7 @@ def _power_at(noise: AxisNoise, frequency_hz: FloatArray) -> tuple[FloatArray, F
     from scipy.special import ndtri
 
     spread = np.log(noise.density_high_T2_per_hz / noise.density_low_T2_per_hz)
-    error = np.interp(frequency_hz, noise.frequency_hz, spread) / (2 * ndtri((1 + INTERVAL) / 2))
+    error = np.interp(frequency_hz, noise.frequency_hz, spread) / (2 * ndtri(1 - SLIGHT / 2))
     density = np.interp(frequency_hz, noise.frequency_hz, noise.density_T2_per_hz)
     return density * frequency_hz * noise.frequency_hz[-1], error
 
@@ -234,15 +233,12 @@ def noise_differences(
         Rows in which both have an unknown part.
     """
     causes = [*simulation.gap.causes, *recording.gap.causes]
-    in_residual = {row for cause in causes if _stays_in_residual(cause.fitted.effect) for row in rows_with(cause)}
+    # What cannot be removed stays in the residual of which the noise is taken.
+    stay = [one for one in causes if not is_noise(one.fitted.effect) and not removable([one.fitted])]
+    in_residual = {row for cause in stay for row in rows_with(cause)}
     theirs = {(one.sensor, one.axis): one for one in simulation.gap.noise}
     return tuple(
         NoiseDifference(other, own, row not in in_residual | set(unknown) and differs(other, own))
         for own in recording.gap.noise
         if (other := theirs.get(row := (own.sensor, own.axis))) is not None
     )
-
-
-def _stays_in_residual(effect: str) -> bool:
-    """Whether an effect cannot be removed from the residual of which the noise is taken."""
-    return not is_noise(effect) and not isinstance(effect_named(effect), LinearEffect)

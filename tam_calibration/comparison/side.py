@@ -9,6 +9,7 @@ import numpy as np
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.grades import NEGLIGIBLE
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.gap.delays import estimate_delays
 from tam_calibration.gap.result import Gap
@@ -112,10 +113,6 @@ class Figure:
 LEAST_HOLE = 1.5
 """Interval over the median from which samples are missing: half a sample late is the most that jitter makes."""
 
-SAME = 0.01
-"""Part of a rate, of an interval and of the samples, by which rates, jitters and losses may differ: clocks and drivers
-keep theirs no better, and no figure of the rest depends on it."""
-
 UNITS = ("1", "rad", "T", "rad")
 """SI units of scale factors, non-orthogonality, biases and misalignment."""
 
@@ -162,9 +159,10 @@ def _of_stamps(time_s: FloatArray) -> Iterator[ReadingFigure]:
     # A median has 2/π of the information on a mean, a median of absolute deviations 37 % of that on a deviation.
     rate_error = rate * jitter / step * float(np.sqrt(np.pi / 2 / count))
     jitter_error = jitter / float(np.sqrt(2 * 0.37 * count))
-    yield ReadingFigure("stamps", "rate", "Hz", rate, rate_error, SAME * rate)
-    yield ReadingFigure("stamps", "jitter", "s", jitter, jitter_error, SAME * step)
-    yield ReadingFigure("stamps", "part lost", "1", lost, float(np.sqrt(lost * (1 - lost) / count)), SAME)
+    # Clocks and drivers keep rates and intervals no better than to a negligible part.
+    yield ReadingFigure("stamps", "rate", "Hz", rate, rate_error, NEGLIGIBLE * rate)
+    yield ReadingFigure("stamps", "jitter", "s", jitter, jitter_error, NEGLIGIBLE * step)
+    yield ReadingFigure("stamps", "part lost", "1", lost, float(np.sqrt(lost * (1 - lost) / count)), NEGLIGIBLE)
 
 
 def _delays(side: Side) -> Iterator[ReadingFigure]:
@@ -176,7 +174,7 @@ def _delays(side: Side) -> Iterator[ReadingFigure]:
         delays, errors = found.delay_s, found.standard_error_s
     for sensor in range(1, count):
         name = f"delay of sensor {sensor + 1}"
-        yield ReadingFigure("stamps", name, "s", float(delays[sensor]), float(errors[sensor]), SAME * step)
+        yield ReadingFigure("stamps", name, "s", float(delays[sensor]), float(errors[sensor]), NEGLIGIBLE * step)
 
 
 def _of_scalar(recording: Recording) -> Iterator[ReadingFigure]:
@@ -185,4 +183,4 @@ def _of_scalar(recording: Recording) -> Iterator[ReadingFigure]:
     if scalar_T is not None and np.isfinite(scalar_T).sum() > 1:
         rate = 1 / float(np.median(np.diff(recording.time_s[np.isfinite(scalar_T)])))
     yield ReadingFigure("scalar", "present", "1", float(scalar_T is not None), 0.0)
-    yield ReadingFigure("scalar", "rate", "Hz", rate, np.nan, SAME * rate)
+    yield ReadingFigure("scalar", "rate", "Hz", rate, np.nan, NEGLIGIBLE * rate)

@@ -31,9 +31,6 @@ from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 from tam_calibration.model.units import FloatArray
 
-_ENDS = {"upper limit": 1.0, "lower limit": -1.0}
-"""Signs that turn either end of a range into an upper one."""
-
 
 @dataclass(frozen=True, eq=False)
 class _Limit:
@@ -65,13 +62,13 @@ class Saturation(FoundEffect):
 def find_limits(residuals: WhitenedResiduals) -> list[_Limit]:
     """Return the limits at which axes stay, at the upper and the lower end."""
     readings = residuals.recording.readings_T.reshape(len(residuals.energy), -1)
-    told = [_limit_of(residuals, row, end, own) for row, own in enumerate(readings.T) for end in _ENDS]
+    told = [_limit_of(residuals, row, sign, own) for row, own in enumerate(readings.T) for sign in (1.0, -1.0)]
     return [limit for limit in told if limit is not None]
 
 
-def _limit_of(residuals: WhitenedResiduals, row: int, end: str, reading: FloatArray) -> _Limit | None:
+def _limit_of(residuals: WhitenedResiduals, row: int, sign: float, reading: FloatArray) -> _Limit | None:
     """Return the limit at one end of a row: where readings repeat, or where they pile up within their noise."""
-    sign, information = _ENDS[end], residuals.row_information[:, row]
+    information = residuals.row_information[:, row]
     if not (information > 0).any():
         return None
     noise = 1 / np.sqrt(float(np.mean(information[information > 0])))
@@ -92,6 +89,7 @@ def _limit_of(residuals: WhitenedResiduals, row: int, end: str, reading: FloatAr
     if not excess > max(1.0, float(noise_deviation(deviations))):
         return None
     spread = float(np.std(outward[at_limit]))
+    end = "upper limit" if sign > 0 else "lower limit"
     return _Limit(row, end, sign * float(np.mean(outward[at_limit])), spread / np.sqrt(len(at_limit)), at_limit)
 
 
@@ -121,11 +119,8 @@ def _of_limits(limits: list[_Limit]) -> Iterator[Contribution]:
         yield Contribution(sensor, axis, "limit", values, errors)
 
 
-_FINEST = 0.5
-"""Smallest step searched, in standard deviations of a row's noise: rounding is then 2 % of the variance."""
-
 _DISTANCE = 500.0
-"""Typical difference of the readings compared, in the same unit."""
+"""Typical difference of the readings compared, in standard deviations of a row's noise."""
 
 
 @dataclass(frozen=True)
@@ -225,8 +220,9 @@ def _frequency(ordered: FloatArray) -> float | None:
     """Return the lowest frequency at which differences of the readings agree in phase, per standard deviation."""
     gaps = np.diff(ordered)
     gaps = gaps[gaps > 0]
+    # A step of less than most of the noise makes 2 % of the variance by rounding, and is not searched.
     if 0 < len(gaps) < (1 - NOTABLE) * len(ordered):
-        return 1 / float(gaps.min()) if gaps.min() >= _FINEST else None
+        return 1 / float(gaps.min()) if gaps.min() >= MOST else None
     lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
     difference = ordered[lag:] - ordered[:-lag]
     if len(difference) < LEAST_SAMPLES:
@@ -237,13 +233,13 @@ def _frequency(ordered: FloatArray) -> float | None:
     # More than 2000 differences would not determine their phases better.
     difference = difference[:: max(1, len(difference) // 2000)]
     # Eight cells of the histogram to the finest step.
-    cell = _FINEST / 8
+    cell = MOST / 8
     histogram = np.bincount((difference / cell + 0.5).astype(np.intp))
     length = 2 ** int(np.ceil(np.log2(2 * len(histogram))))
     coherence = np.abs(np.fft.rfft(histogram, length)) / len(difference)
     frequency = np.arange(len(coherence)) / (length * cell)
     spread = float(np.std(difference))
-    sought = (frequency > 4 / max(spread, np.finfo(float).tiny)) & (frequency <= 1 / _FINEST)
+    sought = (frequency > 4 / max(spread, np.finfo(float).tiny)) & (frequency <= 1 / MOST)
     strong = np.flatnonzero(sought & (coherence > MOST))
     if not len(strong):
         return None

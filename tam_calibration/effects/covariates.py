@@ -155,20 +155,20 @@ class Covariates:
         return replace(self, memory=None, further=further, **taken)
 
 
-_NEIGHBOURS = 6
+NEIGHBOURS = 6
 """Samples on both sides through which a polynomial (of fifth degree) predicts one, as turns are smooth."""
 
 
 def jumps(covariates: Covariates) -> str | None:
     """Return that the field changes from sample to sample in jumps, not in continuous motion, where it does."""
-    if covariates.sample_count < 2 * _NEIGHBOURS:
+    if covariates.sample_count < 2 * NEIGHBOURS:
         return f"{covariates.sample_count} samples are too few to tell a motion"
     # Means of several samples have less noise, which a slow motion needs.
     for size in (1, 2, 4, 8, 16):
         steps, misses = [], []
         for stretch in covariates.stretches:
             count = (stretch.stop - stretch.start) // size
-            if count <= _NEIGHBOURS:
+            if count <= NEIGHBOURS:
                 continue
             part = slice(stretch.start, stretch.start + count * size)
             time = covariates.time_s[part].reshape(count, size).mean(axis=1)
@@ -176,7 +176,7 @@ def jumps(covariates: Covariates) -> str | None:
             nodes = _neighbours(slice(0, count))
             weight, _ = _weights(time[nodes] - time[:, None])
             steps.append(norm(np.diff(field, axis=0), axis=1))
-            misses.append(norm(field - _combined(weight, field[nodes]), axis=1)[_NEIGHBOURS // 2 : -_NEIGHBOURS // 2])
+            misses.append(norm(field - _combined(weight, field[nodes]), axis=1)[NEIGHBOURS // 2 : -NEIGHBOURS // 2])
         # Neighbours predict nothing of jumps, and nearly all of turns.
         if steps and np.quantile(np.concatenate(misses), 0.75) < NOTABLE * np.quantile(np.concatenate(steps), 0.75):
             return None
@@ -186,7 +186,7 @@ def jumps(covariates: Covariates) -> str | None:
 def _neighbours(stretch: slice) -> NDArray[np.intp]:
     """Return the (n, m) indices of the m samples nearest in order to each sample of a stretch, without itself."""
     count = stretch.stop - stretch.start
-    reach = min(_NEIGHBOURS, count - 1)
+    reach = min(NEIGHBOURS, count - 1)
     here = np.arange(count)[:, None]
     first = np.clip(here - reach // 2, 0, count - 1 - reach)
     nodes = first + np.arange(reach)
@@ -209,10 +209,6 @@ def _weights(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _combined(weight: FloatArray, values: FloatArray) -> FloatArray:
     """Return the sums (n, 3) of values (n, m, 3) with weights (n, m)."""
     return np.asarray(np.einsum("nm,nmc->nc", weight, values))
-
-
-LEAST_TURN = 0.1
-"""Least root mean square rotation of the array, or of the vertical in it, rad: noise of attitudes is smaller."""
 
 
 def to_world(covariates: Covariates) -> FloatArray:

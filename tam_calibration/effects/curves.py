@@ -1,13 +1,14 @@
 """Effects of the field itself: a reading that is a curve of it, or depends on where it came from or its direction."""
 
 from collections.abc import Iterable, Iterator
+from itertools import product
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from tam_calibration.core.harmonics import harmonics
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
-from tam_calibration.effects.grades import MINOR, SLIGHT
+from tam_calibration.effects.grades import MINOR, MOST, SLIGHT
 from tam_calibration.effects.recursions import play, rounded_loop
 from tam_calibration.effects.term import angles_of, axis_at, order_terms, scalar_term
 
@@ -46,7 +47,7 @@ def full_scale(covariates: Covariates) -> float:
 _PLAYS = (0.15, 0.4)
 """Fields that must be turned back before a sharp loop closes, as parts of the full scale: narrow and wide."""
 
-_ROUNDED = (0.1, 0.5)
+_ROUNDED = MINOR, MOST
 """Fields over which a rounded loop closes, as parts of the full scale."""
 
 # A curve alone is no loop: it is offered with those that it closes at the ends of the range.
@@ -55,15 +56,9 @@ _LOOPS = {
     "rounded loop": [Coefficient(f"width {width}", "1") for width in _ROUNDED],
     "saturating loop": [
         Coefficient(name, "T")
-        for name in ("P2", "P3", *(f"P{order} of play {width}" for width in _PLAYS for order in (3, 5)))
+        for name in ("P2", "P3", *(f"{curve} of play {width}" for width in _PLAYS for curve in ("P3", "P5")))
     ],
 }
-
-_DIRECTIONS = np.array(
-    [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
-     (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1)]
-)  # fmt: skip
-"""Directions along which soft iron beside a sensor may be magnetised, to start from."""
 
 
 class Hysteresis(LinearEffect):
@@ -79,9 +74,13 @@ class Hysteresis(LinearEffect):
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
-        """Return the largest field as the full scale, alone and with directions of soft iron."""
+        """Return the largest field as the full scale, alone and with directions of soft iron.
+
+        They are those of the faces, edges and corners of a cube; opposite ones are the same.
+        """
+        directions = np.array(list(product((1, 0, -1), repeat=3))[:13])
         scale = {"full_scale_T": full_scale(covariates)}
-        return [scale, *({**scale, **angles} for angles in angles_of(_DIRECTIONS))]
+        return [scale, *({**scale, **angles} for angles in angles_of(directions))]
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield loops of each axis in its own field, or in the field along a direction of the array.

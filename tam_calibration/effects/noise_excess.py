@@ -21,6 +21,7 @@ from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
 from tam_calibration.effects.residuals import WhitenedResiduals, places
 from tam_calibration.effects.single_samples import without_spikes
 from tam_calibration.effects.term import rows_of
+from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
 
 LARGEST_NOISE = 1.2
@@ -127,7 +128,7 @@ class NoiseExcess(FoundEffect):
         covariates, row_count = residuals.covariates, residuals.row_slope.shape[1]
         single = np.array([Spread(residuals, [row], np.ones((1, 1))).part for row in range(row_count)])
         # A smaller excess is within the differences of sensors of a kind; the scalar's sheet may err the other way.
-        least = MINOR * _stated_variance(covariates)
+        least = MINOR * np.nan_to_num(stated_noise(covariates.array)) ** 2
         least[-1] *= (LARGEST_NOISE**4 - 1) / MINOR
         for place in places(covariates.sensor_count):
             rows = list(place.rows)
@@ -199,8 +200,14 @@ def _kurtosis(deviation: FloatArray) -> float:
     return float(np.mean(ratio)) - 3.0
 
 
-def _stated_variance(covariates: Covariates) -> FloatArray:
-    """Return the (3K + 1,) variance of the rows as the array states it, T²."""
-    stated = covariates.array.vector_noise_T
-    vector = np.zeros(covariates.scalar_row) if stated is None else np.repeat(stated, 3) ** 2
-    return np.append(vector, (covariates.array.scalar_noise_T or 0.0) ** 2)
+def stated_noise(array: Array) -> FloatArray:
+    """Return the noise (3K + 1,) that an array states of the rows, tesla; NaN where it states none.
+
+    Parameters
+    ----------
+    array : Array
+        With or without noise.
+    """
+    vector = np.full(array.sensor_count, np.nan) if array.vector_noise_T is None else array.vector_noise_T
+    scalar = np.nan if array.scalar_noise_T is None else array.scalar_noise_T
+    return np.append(np.repeat(vector, 3), scalar)

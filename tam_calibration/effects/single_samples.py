@@ -188,10 +188,6 @@ def position_nats(sample_count: int, chosen: int) -> float:
     return float(gammaln(sample_count + 1) - gammaln(chosen + 1) - gammaln(sample_count - chosen + 1))
 
 
-LATEST = 8
-"""Longest delay of a reading, in samples: the length of a usual queue."""
-
-
 class AgainstOthers:
     """One sensor against the field that all others measure, of which there must be one at least.
 
@@ -348,10 +344,11 @@ class StaleSamples(DisplacedEffect):
 
 def _ways_back(expected_T: FloatArray, stretches: Iterable[slice]) -> FloatArray:
     """Return the residual (k, N, 3) of readings that are those of 1 to k samples before, tesla."""
-    back = np.ones((LATEST, *expected_T.shape))  # of a tesla, where there is no such sample: none is displaced by that
+    # A tesla where there is no such sample: none is displaced by that.
+    back = np.ones((LONGEST_BURST, *expected_T.shape))
     for stretch in stretches:
         own = expected_T[stretch]
-        for late in range(1, min(LATEST, len(own) - 1) + 1):
+        for late in range(1, min(LONGEST_BURST, len(own) - 1) + 1):
             back[late - 1, stretch.start + late : stretch.stop] = own[:-late] - own[late:]
     return back
 

@@ -13,24 +13,21 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
-from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR
+from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, NOTABLE
 from tam_calibration.effects.recursions import relays
 from tam_calibration.effects.term import axis_terms, course_terms, sensor_terms, turned
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
-_MOST_WINDOWS = 300
-"""Windows at most."""
-
-WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, _MOST_WINDOWS + 1) for edge in ("on", "off")}
-"""SI units of the times of windows in a shape; the last window may have no end."""
+WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, 301) for edge in ("on", "off")}
+"""SI units of the times of windows in a shape, of 300 windows at most; the last window may have no end."""
 
 Times = tuple[tuple[float, ...], ...]
 """Times at which a law may come and go, seconds: those of each of several courses."""
 
-_FEWEST_CHANGES = 3
-"""Changes of a gain that goes to and fro; with fewer it is a step."""
+MOST_STEPS = 3
+"""Steps of one sensor's bias or scale, at most; what changes more often is a loose part or contact."""
 
 
 class StateEffect(LinearEffect):
@@ -53,7 +50,7 @@ class StepEffect(StateEffect):
 
     def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
         """Return a step at each of a few times, and one that lasts from each to each later one."""
-        if len(times_s) > _FEWEST_CHANGES:
+        if len(times_s) > MOST_STEPS:
             return []
         pairs = [(begin, end) for begin in times_s for end in times_s if begin < end]
         return [*({"time_s": time} for time in times_s), *({"time_s": begin, "end_s": end} for begin, end in pairs)]
@@ -103,7 +100,7 @@ class GainSwitching(StateEffect):
 
     def shapes_at(self, times_s: Sequence[float], covariates: Covariates) -> list[Shape]:
         """Return the windows, where there are several, and the thresholds of an axis or a sensor that make them."""
-        if len(times_s) < _FEWEST_CHANGES:
+        if len(times_s) < MOST_STEPS:
             return []
         sizes = np.abs(covariates.read_T)
         thresholds = [
@@ -130,7 +127,7 @@ def is_on(time_s: FloatArray, shape: Shape) -> NDArray[np.bool_]:
 
 def windows_at(times_s: Sequence[float]) -> Shape:
     """Return the windows that begin and end in turn at some times; none where there are too many."""
-    if len(times_s) > 2 * _MOST_WINDOWS:
+    if len(times_s) > len(WINDOW_UNITS):
         return {}
     return dict(zip(WINDOW_UNITS, times_s, strict=False))
 
@@ -183,9 +180,6 @@ def _largest(sizes: FloatArray) -> FloatArray:
 
 _BLOCKS = 300
 """Blocks of time between which a jump is searched first: 45 000 pairs."""
-
-LEAST_FALL = 4.0
-"""Ratio of the residual energies without and with a gross jump that it must reach: far above that of noise."""
 
 Cuts = NDArray[np.intp]
 """Pairs of cuts (C, 2): the samples from the first on and before the second are those with the jump."""
@@ -242,7 +236,7 @@ def gross_bias_jump(recording: Recording) -> FittedEffect | None:
         return None
     one, two = sums.residual_energy(np.array([[0, recording.sample_count], best]))
     jump = sums.jump(best)
-    if one < LEAST_FALL * two or norm(jump, axis=1).max() < MINOR:
+    if NOTABLE * one < two or norm(jump, axis=1).max() < MINOR:
         return None
     contributions = tuple(
         Contribution(sensor, axis, "offset", {"offset": float(jump[sensor, axis] * sums.unit_T[sensor])})

@@ -2,8 +2,9 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
-from math import exp, expm1, factorial, log, log1p
+from functools import cache
+from itertools import permutations
+from math import exp, expm1, log, log1p
 
 import numpy as np
 
@@ -285,16 +286,18 @@ def shares_of(model: Model) -> FloatArray:
     projected = Base(channels, [channels.calibration]).project(Regressors.joined(designs))
     ends = np.cumsum([design.width for design in designs])
     columns = [np.arange(end - design.width, end) for end, design in zip(ends, designs, strict=True)]
-    explained: dict[tuple[int, ...], float] = {(): 0.0}
-    for size in range(1, count + 1):
-        for group in combinations(range(count), size):
-            explained[group] = projected.take(np.concatenate([columns[member] for member in group])).gain()[0]
+
+    @cache
+    def explained(group: frozenset[int]) -> float:
+        return projected.take(np.concatenate([columns[member] for member in sorted(group)])).gain()[0]
+
     values = np.zeros(count)
-    for group, energy in explained.items():
-        for member in group:
-            others = tuple(other for other in group if other != member)
-            weight = factorial(len(others)) * factorial(count - len(group)) / factorial(count)
-            values[member] += weight * (energy - explained[others])
+    for order in permutations(range(count)):  # each part explains what those before it leave
+        before = 0.0
+        for size, member in enumerate(order, start=1):
+            energy = explained(frozenset(order[:size]))
+            values[member] += energy - before
+            before = energy
     return np.maximum(values, 0) / max(float(np.maximum(values, 0).sum()), np.finfo(float).tiny)
 
 

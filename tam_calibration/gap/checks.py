@@ -13,12 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.harmonics import harmonics
-from tam_calibration.effects.grades import LEAST_SAMPLES
+from tam_calibration.effects.grades import LEAST_SAMPLES, SLIGHT
 from tam_calibration.model.recording import InterpolatedNoise
 from tam_calibration.model.units import FloatArray
-
-CHANCE = 0.05
-"""Significance level: of all checks of a recording together, and of confidence intervals."""
 
 LAGS = 20
 """Samples up to which the autocorrelation is given."""
@@ -153,7 +150,7 @@ def checks_of(
     # A calibration absorbs spherical harmonics of degree 1 and 2, nonlinear axes have 3.
     functions = harmonics(direction, 3)[:, 1:]
     row_count = rows_T.shape[1]
-    chance = 1 - (1 - CHANCE) ** (1 / (5 * row_count))
+    chance = 1 - (1 - SLIGHT) ** (1 / (5 * row_count))
     step_s = float(np.median(np.diff(time_s)))
     checked = np.full((5, 3, row_count), np.nan)
     line_hz, correlation = np.full(row_count, np.nan), np.full((row_count, LAGS), np.nan)

@@ -14,7 +14,7 @@ from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Gap, Residue, Size, Verdict, Where
 from tam_calibration.gap.size import measure, noise_variance, words_of
-from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search
+from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.recording import Recording
@@ -38,7 +38,8 @@ def verdict_on(found: Search, size: Size) -> Verdict:
         return "no_gap" if is_noise and not found.laws else "unexplained"
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
-    is_explained = found.explains_all and size.closed > MOST and size.after < LARGEST_REST
+    # A rest as large as the noise is a gap of its own.
+    is_explained = found.explains_all and size.closed > MOST and size.after < 1
     return "explained" if is_explained else "partly_explained"
 
 
@@ -153,7 +154,7 @@ def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance:
     generator = np.random.default_rng(0)
     covariates, scale = before.covariates, float(np.sqrt(variance))
     noise = scale * nominal.row_noise_T * generator.normal(size=(covariates.sample_count, covariates.scalar_row))
-    direction = covariates.field_T / covariates.intensity_T[:, None]
+    direction = covariates.direction
     field_T: FloatArray = nominal.intensity_T * direction
     scalar = None
     if nominal.recording.scalar_T is not None:

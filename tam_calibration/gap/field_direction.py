@@ -15,11 +15,13 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import ROUNDING, whitening
+from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.gyroscope_check import GyroscopeFit, settled_gyroscope, within_range
 from tam_calibration.fit.gyroscope_likelihood import WhiteTurns
 from tam_calibration.fit.problem import Known
 from tam_calibration.gap.model import Model
+from tam_calibration.gap.steps import MOST_CAUSES
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -29,12 +31,6 @@ _LENGTHS = (1, 8, 64, 512)
 
 _KNOTS = 32
 """Times at which the information on a field is calculated; between them it is interpolated."""
-
-_MARGIN = 8
-"""Intervals at begin and end in which no field begins: too few to tell it from noise."""
-
-_MOST_CHANGES = 8
-"""That are looked for: four sources that come and go."""
 
 
 def field_direction(model: Model, recording: Recording, array: Array) -> tuple[str, ...]:
@@ -86,7 +82,7 @@ def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:
     count = turns.by_offset.shape[1]
     lengths = [length for length in _LENGTHS if 8 * length < len(turns.links)]
     courses, explained = [], turns.columns[:-1]
-    for _ in range(_MOST_CHANGES):
+    for _ in range(2 * MOST_CAUSES):  # sources that come and go
         basis = explained.T @ whitening(explained @ explained.T, ROUNDING)
         residual = turns.columns[-1] - basis @ (turns.columns[-1] @ basis)
         candidates = (_likeliest(turns, basis, residual, length) for length in lengths)
@@ -129,7 +125,8 @@ def _likeliest(turns: WhiteTurns, basis: FloatArray, residual: FloatArray, lengt
     """
     steps = np.cumsum(turns.scores(residual)[::-1], axis=0)[::-1]
     summed = np.cumsum(steps, axis=0)
-    first = np.arange(turns.links[0] + _MARGIN, turns.links[-1] - _MARGIN - length)
+    # At begin and end too few intervals tell a field from noise.
+    first = np.arange(turns.links[0] + LONGEST_BURST, turns.links[-1] - LONGEST_BURST - length)
     ramps = (summed[first + length - 1] - summed[first - 1]) / length
     across = turns.by_offset / norm(turns.by_offset, axis=0)
     score = np.sum(np.einsum("nx,xna->na", ramps, across[:, first]) ** 2, axis=1)

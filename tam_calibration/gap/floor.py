@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.converter import find_lattices
-from tam_calibration.effects.covariates import LEAST_TURN
-from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, NOTABLE
+from tam_calibration.effects.noise_excess import stated_noise
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray
@@ -25,9 +25,6 @@ CONTRADICTED = 2.0
 
 Sheets state typical sensors, which differ by some ten per cent; a factor of two means another bandwidth or sensor.
 """
-
-_CLIP = 4.0
-"""Limit at which differences are clipped, in robust standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +85,7 @@ def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
         known = channels.recording.scalar_T[np.isfinite(channels.recording.scalar_T)]
         if len(known) >= LEAST_SAMPLES:
             level[-1], colour[-1] = np.sqrt(_white(known)), _colour_of(known)
-    is_slow = _median_turn(channels) < LEAST_TURN
+    is_slow = _median_turn(channels) < MINOR
     if is_slow and channels.is_counted.sum() >= LEAST_SAMPLES:
         level[:-1], colour[:-1] = _of_rows(channels, stated_noise(stated))
     return Floor(level, colour, stated_noise(stated))
@@ -154,7 +151,7 @@ def _white(series: FloatArray) -> float:
 def _clipped(difference: FloatArray) -> FloatArray:
     """Return differences clipped at the tails of noise; unchanged where most of them are zero."""
     size = float(noise_deviation(difference))
-    return np.clip(difference, -_CLIP * size, _CLIP * size) if size > 0 else difference
+    return np.clip(difference, -CERTAIN * size, CERTAIN * size) if size > 0 else difference
 
 
 def _colour_of(series: FloatArray) -> float:
@@ -181,19 +178,6 @@ def _median_turn(channels: WhitenedChannels) -> float:
     direction = channels.direction[:, :3]
     cosine = np.sum(direction[1:] * direction[:-1], axis=1)
     return float(np.median(np.arccos(np.clip(cosine, -1, 1))))
-
-
-def stated_noise(array: Array) -> FloatArray:
-    """Return the noise (3K + 1,) that an array states of the rows, tesla; NaN where it states none.
-
-    Parameters
-    ----------
-    array : Array
-        With or without noise.
-    """
-    vector = np.full(array.sensor_count, np.nan) if array.vector_noise_T is None else array.vector_noise_T
-    scalar = np.nan if array.scalar_noise_T is None else array.scalar_noise_T
-    return np.append(np.repeat(vector, 3), scalar)
 
 
 def _middle(values: FloatArray) -> float:

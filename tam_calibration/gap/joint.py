@@ -18,10 +18,10 @@ import numpy as np
 
 from tam_calibration.core.noise import BLOCKS, COSINES, slow_cosines
 from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.effects.grades import NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.fit.ellipsoid import free_scale
-from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.hypothesis import Part
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import VISIBLE, Base, pseudo_inverse
@@ -132,12 +132,8 @@ def _scale(information: FloatArray, solve: FloatArray, influence: FloatArray, co
     if total <= 0:
         return 0.0
     freedom = total**2 / float(np.sum(covariance**2))
-    quantile = float(stdtrit(freedom, 1 - CHANCE / 2) / ndtri(1 - CHANCE / 2))
+    quantile = float(stdtrit(freedom, 1 - SLIGHT / 2) / ndtri(1 - SLIGHT / 2))
     return quantile * float(np.sqrt(energy.sum() * COSINES / total))
-
-
-_STEP = 0.01
-"""Step of a parameter of the shape for numerical derivatives, as a part of its value."""
 
 
 NO_SIZE = EffectSize(np.zeros(9), np.zeros(9))
@@ -262,7 +258,7 @@ class Joint:
 
 def _slope(part: Part, name: str, channels: WhitenedChannels) -> Term:
     """Return the derivative of what an effect adds by one parameter of its shape, as a term."""
-    size = _STEP * part.shape[name] or _STEP
+    size = NEGLIGIBLE * part.shape[name] or NEGLIGIBLE
     count = channels.covariates.scalar_row + 1
 
     def added(value: float) -> FloatArray:

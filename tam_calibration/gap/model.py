@@ -22,15 +22,16 @@ from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis, Part
 from tam_calibration.gap.nominal import (
     ENOUGH_SAMPLES,
+    objection_to,
     open_parameters,
     outlying_samples,
+    sensed_intensity,
     starts,
     steady_parts,
     without_calibration,
     without_channels,
     without_jump,
 )
-from tam_calibration.gap.physical import objection_to, sensed_intensity
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import World, oriented, turns, update
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -478,10 +479,6 @@ def _mostly(jump: FittedEffect) -> FittedEffect:
     return replace(jump, contributions=tuple(moved))
 
 
-_BIAS = [3, 7, 11]
-"""Columns of the offsets in the regressors of a sensor's calibration."""
-
-
 def attitude_variance(channels: WhitenedChannels, world: World) -> FloatArray:
     """Return the variance (3,) that the white noise of the attitude adds to each row of a sensor, T².
 
@@ -511,5 +508,6 @@ def bias_variance(base: Base) -> float:
 
     Directions that the recording does not determine count as zero: compare fits of equal rank only.
     """
-    covariance = base.inverse[np.ix_(_BIAS, _BIAS)]
-    return float(np.trace(covariance)) * base.energy / max(base.channels.count - base.rank, 1.0)
+    # The offset is the last of the four columns of each axis.
+    variance = np.diag(base.inverse)[3:12:4]
+    return float(variance.sum()) * base.energy / max(base.channels.count - base.rank, 1.0)

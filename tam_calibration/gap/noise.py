@@ -8,8 +8,10 @@ import numpy as np
 from numpy.linalg import lstsq
 
 from tam_calibration.core.least_squares import Elimination
+from tam_calibration.effects.grades import SLIGHT
+from tam_calibration.effects.noise_excess import stated_noise
 from tam_calibration.effects.removal import agreed_field
-from tam_calibration.gap.floor import least_factor, stated_noise, white_variance
+from tam_calibration.gap.floor import least_factor, white_variance
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regressors import products_of
 from tam_calibration.gap.spectrum import Colour, Shapes, Spectra, colour_of, spectra_of
@@ -20,9 +22,6 @@ from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 ColourName = Literal["white", "1/f", "band"]
-
-INTERVAL = 0.95
-"""Probability of the interval of a density."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +116,7 @@ def _noise_of_row(spectra: Spectra, shapes: Shapes, row: int) -> AxisNoise:
     share = spectra.bins / spectra.bins.sum()
     variance_error = float(np.sqrt(2 * share @ colour.power_T2**2 / freedom.sum()))
     known = np.maximum(freedom, 1)
-    lowest, highest = (known / chdtri(known, tail) for tail in ((1 - INTERVAL) / 2, (1 + INTERVAL) / 2))
+    lowest, highest = (known / chdtri(known, tail) for tail in (SLIGHT / 2, 1 - SLIGHT / 2))
     density = 2 * power / rate
     is_scalar = len(spectra.power_T2) == 1
     limits = None if colour.band is None else colour.band.limits

@@ -12,24 +12,22 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tam_calibration.effects.term import Term
-from tam_calibration.gap.physical import prior_at
+from tam_calibration.gap.nominal import prior_at
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.units import FloatArray
 
 Numbers = TypeVar("Numbers", float, FloatArray)
 
-_UNDETERMINED = 1e-8
-"""Relative information below which a direction of the calibration is undetermined, as the common rotation is."""
-
-_LEAST_ENERGY = 1e-9
-"""Least residual energy, as a part of the energy: rounding error."""
+_ROUNDING = 1e-9
+"""Relative size of rounding: of the information on a direction that is undetermined, as the common rotation is, and of
+the energy that a fit leaves which explains all."""
 
 VISIBLE = 1e-5
 """Part of a column's information that must remain after the calibration is eliminated."""
 
 
-def pseudo_inverse(information: FloatArray, relative: float = _UNDETERMINED) -> FloatArray:
+def pseudo_inverse(information: FloatArray, relative: float = _ROUNDING) -> FloatArray:
     """Return the inverse of an information matrix within the directions that the data determine.
 
     Parameters
@@ -150,7 +148,7 @@ class Base:
         self.step = self.inverse @ self._score
         self.information = information
         self.fall = float(self._score @ self.step)
-        self.energy = max(channels.energy - self.fall, _LEAST_ENERGY * channels.energy)
+        self.energy = max(channels.energy - self.fall, _ROUNDING * channels.energy)
 
     def energy_with(self, prior_weight: float) -> float:
         """Return the objective of the fit: energy of the channels and, with a weight, of the prior."""
@@ -181,7 +179,7 @@ class Base:
 
 def _rank(information: FloatArray) -> int:
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_UNDETERMINED * len(size), hermitian=True))
+    return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_ROUNDING * len(size), hermitian=True))
 
 
 def twice_log_likelihood_ratio(energy: float, gain: Numbers, count: float) -> Numbers:
@@ -196,7 +194,7 @@ def twice_log_likelihood_ratio(energy: float, gain: Numbers, count: float) -> Nu
     count : float
         Number n of whitened channels.
     """
-    ratio: Numbers = count * np.log(energy / np.maximum(energy - gain, _LEAST_ENERGY * energy))
+    ratio: Numbers = count * np.log(energy / np.maximum(energy - gain, _ROUNDING * energy))
     return ratio
 
 

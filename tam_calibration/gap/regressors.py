@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.states import LEAST_FALL, BiasJump, Cuts, best_cuts, is_on, shape_of
+from tam_calibration.effects.grades import NOTABLE
+from tam_calibration.effects.states import BiasJump, Cuts, best_cuts, is_on, shape_of
 from tam_calibration.effects.term import Term
 from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.model.exceptions import Refused
@@ -329,7 +330,7 @@ def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) 
         return np.asarray(energy - np.sum(between[:, :3] ** 2, axis=1) / np.maximum(free, _OPEN * len(time_s)))
 
     best = best_cuts(energies, len(time_s))
-    if best is None or energy < LEAST_FALL * float(energies(best[None])[0]):
+    if best is None or NOTABLE * energy < float(energies(best[None])[0]):
         return None
     return shape_of(time_s, best)
 

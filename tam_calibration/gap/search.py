@@ -426,5 +426,5 @@ def _is_near(other: Evidence, accepted: Evidence) -> bool:
 def pose_of(covariates: Covariates) -> FloatArray:
     """Return the axes of the array in the world (N, 9), or without attitude the field's direction in the array."""
     if covariates.attitude is None:
-        return covariates.field_T / covariates.intensity_T[:, None]
+        return covariates.direction
     return to_world(covariates).reshape(covariates.sample_count, 9)

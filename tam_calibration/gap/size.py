@@ -14,10 +14,9 @@ import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
-from tam_calibration.effects.grades import NEARLY_ALL
+from tam_calibration.effects.grades import MOST, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.states import Times
-from tam_calibration.gap.checks import CHANCE
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, best_form, refined
 from tam_calibration.gap.laws.signature import Law
@@ -195,10 +194,6 @@ def held_out_energy(channels: WhitenedChannels, designs: Sequence[Regressors], i
     return np.array(energy)
 
 
-LEAST_NOISE = 0.5
-"""Least white noise, as a part of that stated, where differences do not determine it."""
-
-
 def held_out(model: Model, interleaved: bool, variance: float) -> FloatArray:
     """Return χ²/n - 1 (F,) of the residual of a model in each held-out fold.
 
@@ -229,7 +224,8 @@ def noise_variance(model: Model, laws: Sequence[Law]) -> float:
     """Return the variance of the white noise of the channels, in units of the variance that the model's array has.
 
     The residual variance less the laws of the residual, at most ``LARGEST_NOISE``² and at least most of the floor from
-    differences of neighbouring samples, which no law may explain away.
+    differences of neighbouring samples, which no law may explain away; where they do not determine it, most of the
+    noise stated is such a floor.
 
     Parameters
     ----------
@@ -241,7 +237,7 @@ def noise_variance(model: Model, laws: Sequence[Law]) -> float:
     base = model.base()
     floor = floor_of(base.channels, model.array)
     ratios = floor.level_T[:-1] / floor.stated_T[:-1]
-    white = float(np.median(ratios)) ** 2 if floor.is_determined else LEAST_NOISE**2
+    white = float(np.median(ratios)) ** 2 if floor.is_determined else MOST**2
     residual = base.energy / max(base.channels.count - base.rank, 1.0)
     variance = min(residual * max(1 - sum(law.part for law in laws), 0.0), LARGEST_NOISE**2)
     # The variance from differences is uncertain by some per cent.
@@ -279,7 +275,7 @@ def _closed(first: FloatArray, last: FloatArray) -> tuple[float, tuple[float, fl
     left_out = np.array([part(np.arange(len(first)) != fold) for fold in range(len(first))])
     error = np.sqrt((len(first) - 1) / len(first) * np.sum((left_out - left_out.mean()) ** 2))
     # Student's t has as many degrees of freedom as there are folds less one.
-    half = float(stdtrit(len(first) - 1, 1 - CHANCE / 2) * error)
+    half = float(stdtrit(len(first) - 1, 1 - SLIGHT / 2) * error)
     return value, (max(value - half, 0.0), min(value + half, 1.0))
 
 

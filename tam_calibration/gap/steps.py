@@ -11,6 +11,7 @@ from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.single_samples import A_DOZEN
+from tam_calibration.effects.states import MOST_STEPS
 from tam_calibration.gap.hypothesis import Hypothesis, places_of, sensors_of
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
@@ -22,9 +23,6 @@ from tam_calibration.model.fitted_effect import ALL, SCALAR
 
 MOST_CAUSES = 4
 """Causes of one gap, at most: a recording seldom separates more."""
-
-MOST_STEPS = 3
-"""Steps of one sensor's bias or scale, at most; what changes more often is a loose part or contact."""
 
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
@@ -117,12 +115,10 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
         return bool((form.flagged & base.channels.is_counted).any()) and not is_many
     covariates = base.channels.covariates
     others = [one.form for one in there if isinstance(one.form, Hypothesis)]
-    if any(_is_nested(form.effect, other.effect) for other in others):
-        return False
     if any(
-        form.effect.is_same(form.shape, other.shape, covariates)
+        _is_nested(form.effect, other.effect)
+        or (form.effect.name == other.effect.name and form.effect.is_same(form.shape, other.shape, covariates))
         for other in others
-        if form.effect.name == other.effect.name
     ):
         return False
     return not form.effect.is_step or _changes([form, *others], covariates.step_s) <= MOST_STEPS
@@ -169,10 +165,6 @@ def absorbed(accepted: Evidence, steps: Sequence[Step]) -> Evidence:
     return accepted
 
 
-LARGEST_REST = 1.0
-"""Residual, in noise floors, that causes may leave: a larger one is a gap of its own."""
-
-
 @dataclass(frozen=True, eq=False)
 class Search:
     """What a search found.
@@ -216,7 +208,8 @@ class Search:
     def is_clean(self) -> bool:
         """Whether the causes leave nothing but noise."""
         base = self.model.base()
-        return self.explains_all and base.energy < (1 + LARGEST_REST**2) * base.channels.count
+        # As much again as the noise is a gap of its own.
+        return self.explains_all and base.energy < 2 * base.channels.count
 
     @property
     def evidence(self) -> float:

@@ -19,15 +19,13 @@ from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.effects.term import Term, at_rows, thinned
+from tam_calibration.gap.nominal import ENOUGH_SAMPLES
 from tam_calibration.gap.regressors import Regressors, World, calibration_regressors, world_design
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.fitted_effect import SCALAR, Shape
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-
-_PIECE = 8192
-"""Samples processed at once, and up to which those of a design are cached: tens of megabytes."""
 
 _LAST_RESIDUALS: "WeakKeyDictionary[WhitenedChannels, WhitenedResiduals]" = WeakKeyDictionary()
 
@@ -305,7 +303,7 @@ class WhitenedChannels:
         (F, n) array, (W, n) array
             W is the width of the design, or 0 without any reference.
         """
-        if len(self._taken) > _PIECE:
+        if len(self._taken) > ENOUGH_SAMPLES:
             return self._compute_samples(design, piece)
         if design not in self._known:
             self._known[design] = self._compute_samples(design, slice(None))
@@ -380,8 +378,8 @@ class WhitenedChannels:
 
     def _pieces(self, part: slice | None) -> Iterator[slice]:
         start, stop, step = (part or slice(None)).indices(len(self._taken))
-        for first in range(start, stop, _PIECE * step):
-            yield slice(first, min(first + _PIECE * step, stop), step)
+        for first in range(start, stop, ENOUGH_SAMPLES * step):
+            yield slice(first, min(first + ENOUGH_SAMPLES * step, stop), step)
 
 
 def _in_world(

@@ -60,7 +60,7 @@ def test_the_limits_of_a_difference():
     """A level differs by more than 5 %, and by more than 4.5 standard errors; strong evidence makes a colour."""
     (one,) = found(np.random.default_rng(15).normal(size=(400, 1)), np.eye(1))
     sure = replace(one, level_error_T=0.0)
-    assert (agreement.LEAST_DIFFERENCE, agreement.CERTAIN, MARGIN) == (0.05, 4.5, 6.0)
+    assert (agreement.SLIGHT, agreement.CERTAIN, MARGIN) == (0.05, 4.5, 6.0)
     assert not differs(sure, replace(sure, level_T=1.049 * one.level_T))
     assert differs(sure, replace(sure, level_T=1.051 * one.level_T))
     error = 0.1 * one.level_T

@@ -115,7 +115,7 @@ def test_figures_differ_beyond_tolerance_and_chance(side, with_stamps):
 
 def test_the_limits_of_the_same():
     """As they are stated."""
-    limits = side_module.LEAST_HOLE, side_module.CERTAIN, side_module.SAME
+    limits = side_module.LEAST_HOLE, side_module.CERTAIN, side_module.NEGLIGIBLE
     assert limits == (1.5, 4.5, 0.01)
 
 

@@ -106,7 +106,7 @@ def test_normal_equations_are_those_of_a_dense_construction(
     residual = dense(made).residual[kept].ravel()
     left, right = (replace(one, features=one.features[::stride]) for one in (left, right))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_PIECE", piece)
+        patch.setattr(module, "ENOUGH_SAMPLES", piece)
         cross, score = channels.cross(left, right, chosen), channels.score(left, chosen)
         normal = channels.normal(left, chosen)
     size = max(np.abs(first.T @ first).max(), np.abs(second.T @ second).max(), 1e-9)

@@ -18,6 +18,8 @@ import numpy as np
 
 from tam_calibration.comparison.result import Mistake
 from tam_calibration.core.noise import noise_deviation
+from tam_calibration.effects.grades import MINOR
+from tam_calibration.gap.regressors import turns
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.recording import Recording
@@ -26,12 +28,6 @@ from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nan
 ORDER = 8
 """Of the differences: a turn of 1 rad/s at 20 Hz leaves 1e-11 of the field; noise is a third as well known as by its
 own values."""
-
-_LAGS = np.arange(1, 13)
-"""Samples on, at which noise is compared with white noise: a hum, which sensors share, does not die down in them."""
-
-_OF_WHITE = np.array([(-1.0) ** lag * comb(2 * ORDER, ORDER + lag) / comb(2 * ORDER, ORDER) for lag in _LAGS])
-"""Autocorrelation of the differences of white noise there."""
 
 NO_NOISE_T = 2e-12
 """Rounding of the Earth's field to 32 bits makes 1e-12 T."""
@@ -131,11 +127,14 @@ def is_white(sequence: FloatArray) -> bool:
     power = float(sequence @ sequence)
     if 2 * count < len(sequence) or power <= count * NO_NOISE_T**2:
         return False
+    # Half as many samples again as the differences of white noise are correlated: a hum does not die down in them.
+    lags = range(1, 3 * ORDER // 2 + 1)
+    of_white = [(-1.0) ** lag * comb(2 * ORDER, ORDER + lag) / comb(2 * ORDER, ORDER) for lag in lags]
     lagged = np.array(
-        [sequence[lag:] @ sequence[:-lag] / max(known[lag:] @ known[:-lag].astype(float), 1.0) for lag in _LAGS]
+        [sequence[lag:] @ sequence[:-lag] / max(known[lag:] @ known[:-lag].astype(float), 1.0) for lag in lags]
     )
     # Of 300 samples each autocorrelation has an error of 0.1.
-    return bool((np.abs(lagged * count / power - _OF_WHITE) < 0.3).all())
+    return bool((np.abs(lagged * count / power - of_white) < 0.3).all())
 
 
 def _is_noise(residual_T: FloatArray, readings_T: FloatArray) -> bool:
@@ -148,12 +147,10 @@ def _is_noise(residual_T: FloatArray, readings_T: FloatArray) -> bool:
 
 def _residual_from_attitude(recording: Recording, sensor: int) -> FloatArray | None:
     """Return what attitude does not explain of a sensor's readings, (N, 3)."""
-    from scipy.spatial.transform import Rotation
-
     attitude = recording.attitude
     if attitude is None or not np.isfinite(attitude).all():
         return None
-    return _residual_from(recording.readings_T[:, sensor], Rotation.from_quat(attitude).as_matrix().reshape(-1, 9))
+    return _residual_from(recording.readings_T[:, sensor], turns(attitude).reshape(-1, 9))
 
 
 def _residual_from_others(recording: Recording, sensor: int) -> FloatArray | None:
@@ -176,12 +173,9 @@ def _size(values_T: FloatArray) -> float:
     return float(np.sqrt(np.mean(noise_deviation(values_T, axis=0) ** 2)))
 
 
-SAME = 0.9
-"""Correlation of two sequences of noise from which on they are one; differences of 100
-samples have 28 of their own, of which chance makes 0.6 at most."""
-
 SHORTEST = 100
-"""Samples that two sequences share at least before they are compared."""
+"""Samples that two sequences share at least before they are compared: their differences have 28 of their own, which
+chance correlates by 0.6 at most."""
 
 
 def mistaken_noise(simulation: Recording, recording: Recording, array: Array) -> list[Mistake]:
@@ -222,7 +216,9 @@ def _of_channels(simulation: Recording, white: dict[tuple[int, int], FloatArray]
     if all(is_shared(simulation, sensor) for sensor in range(simulation.sensor_count)):
         named = where = "all sensors"
     else:
-        pairs = [pair for pair in combinations(white, 2) if abs(_correlation(*(white[one] for one in pair))) > SAME]
+        pairs = [
+            pair for pair in combinations(white, 2) if abs(_correlation(*(white[one] for one in pair))) > 1 - MINOR
+        ]
         if not pairs:
             return
         same = [pairs[0][0], *(other for one, other in pairs if one == pairs[0][0])]
@@ -253,7 +249,7 @@ def _of_runs(white: dict[tuple[int, int], FloatArray], others: dict[tuple[int, i
                 "make the generator once, before the first sample, and draw from it on",
             )
             break
-    if any(_correlation(white[channel], others[channel]) > SAME for channel in white.keys() & others.keys()):
+    if any(_correlation(white[channel], others[channel]) > 1 - MINOR for channel in white.keys() & others.keys()):
         yield Mistake(
             "same_noise_in_runs",
             "the noise is the same in both runs, sample by sample",
@@ -269,7 +265,7 @@ def _period(sequence: FloatArray) -> int:
     energy = np.concatenate([[0.0], np.cumsum(sequence**2)])
     lags = np.arange(2 * ORDER, count - SHORTEST)
     size = np.sqrt(energy[count - lags] * (energy[count] - energy[lags]))
-    return next(iter(lags[products[lags] > SAME * size].tolist()), 0)
+    return next(iter(lags[products[lags] > (1 - MINOR) * size].tolist()), 0)
 
 
 def _levels(simulation: Recording, recording: Recording, array: Array) -> Iterator[Mistake]:

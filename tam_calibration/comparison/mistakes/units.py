@@ -14,7 +14,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray
 
 NEAR = 10.0
 """Times the other's intensity that a sound simulation may read, or a tenth of it: the Earth's field varies by 3.5 over
@@ -24,14 +24,17 @@ SLOWEST_HZ, FASTEST_HZ = 1.0, 30e3
 """Rates of samples between which stamps are plausible: magnetometers and simulators give 5 to 1000 a second."""
 
 
+_SYMBOLS = {"gauss": "G", "millitesla": "mT", "microtesla": "uT", "nanotesla": "nT", "tesla": "T"}
+"""Symbols of the units that simulators and drivers use."""
+
 _UNITS = {
-    ("gauss", "tesla"): 1e4,
-    ("millitesla", "tesla"): 1e3,
-    ("microtesla", "tesla"): 1e6,
-    ("nanotesla", "tesla"): 1e9,
-    ("microtesla", "nanotesla"): 1e-3,
-    ("tesla", "microtesla"): 1e-6,
-    ("tesla", "nanotesla"): 1e-9,
+    (given, expected): TESLA_PER_FIELD_UNIT[_SYMBOLS[expected]] / TESLA_PER_FIELD_UNIT[_SYMBOLS[given]]
+    for given, expected in [
+        *((unit, "tesla") for unit in _SYMBOLS if unit != "tesla"),
+        ("microtesla", "nanotesla"),
+        ("tesla", "microtesla"),
+        ("tesla", "nanotesla"),
+    ]
 }
 """Units of simulators and drivers that are given, those that are expected, and times what a field then reads."""
 
