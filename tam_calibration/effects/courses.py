@@ -6,12 +6,15 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.polynomial.legendre import legvander
 
-from tam_calibration.effects.covariates import to_world
+from tam_calibration.effects.covariates import LEAST_TURN, to_world
 from tam_calibration.effects.effect import Covariates, FittedEffect, LinearEffect, Shape, Sized, Term, WhitenedResiduals
-from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEGLIGIBLE
+from tam_calibration.effects.grades import LONGEST_BURST, NEGLIGIBLE
 from tam_calibration.effects.recursions import lagged
 from tam_calibration.effects.term import axis_terms, course_terms, order_terms, scalar_term, sensor_terms, turned
 from tam_calibration.model.units import FloatArray
+
+_LEAST_PERIODS = 10
+"""Periods in the record at least: slower variation is a drift."""
 
 
 def _change_of(channel: FloatArray) -> tuple[float, float]:
@@ -106,7 +109,7 @@ class Flexure(LinearEffect):
         if covariates.sensor_count < 2 and not covariates.follows_attitude:
             return "a turn of a single sensor does not change the length of the field"
         tilt = float(np.sqrt(np.sum(np.var(_upwards(covariates), axis=0))))
-        return f"the array is tilted by {tilt:.2f} rad only" if tilt < MINOR else None
+        return f"the array is tilted by {tilt:.2f} rad only" if tilt < LEAST_TURN else None
 
     def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
         """Return the nine elements of C of each sensor."""
@@ -170,14 +173,14 @@ class PeriodicInterference(LinearEffect):
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return that the recording is too short, where it is."""
-        if covariates.sample_count <= 2 / MINOR:
+        if covariates.sample_count <= 2 * _LEAST_PERIODS:
             return f"{covariates.sample_count} samples are too few for a spectrum"
         return None
 
     def shapes(self, covariates: Covariates, residuals: WhitenedResiduals) -> Iterable[Shape]:
         """Return the frequencies of the strongest lines above the band of drifts; none of a record too long."""
         span_s = float(np.ptp(covariates.time_s))
-        if covariates.sample_count <= 2 / MINOR or span_s > _MOST_STEPS * covariates.step_s:
+        if covariates.sample_count <= 2 * _LEAST_PERIODS or span_s > _MOST_STEPS * covariates.step_s:
             return []
         start = float(covariates.time_s[0])
         return [{"frequency_hz": frequency, "start_s": start} for frequency in _lines(residuals)]
@@ -233,7 +236,7 @@ def _lines(residuals: WhitenedResiduals) -> list[float]:
         power = np.maximum(power, of_row)
     frequency = np.arange(len(power)) / (length * spacing)
     # A period that is no minor part of the record is a drift.
-    power[(frequency <= 1 / (MINOR * time[-1])) | (frequency >= 0.5 / covariates.step_s)] = 0
+    power[(frequency <= _LEAST_PERIODS / time[-1]) | (frequency >= 0.5 / covariates.step_s)] = 0
     found: list[float] = []
     while len(found) < 4 and power.max() > 0:
         best = int(power.argmax())

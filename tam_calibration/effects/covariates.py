@@ -17,6 +17,9 @@ from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
+LEAST_TURN = 0.1
+"""Least root mean square rotation of the array, or of the vertical in it, rad: noise of attitudes is smaller."""
+
 
 @dataclass(frozen=True, eq=False)
 class Covariates:

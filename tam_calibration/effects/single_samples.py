@@ -33,6 +33,9 @@ from tam_calibration.model.units import FloatArray
 A_DOZEN = 12
 """Single readings that are no noise, whatever part of a short recording they are: a sixth of 72 poses."""
 
+LATEST = 8
+"""Longest delay of a reading, in samples: the length of a usual queue."""
+
 
 class Outliers(FoundEffect):
     """Spikes in single readings."""
@@ -345,10 +348,10 @@ class StaleSamples(DisplacedEffect):
 def _ways_back(expected_T: FloatArray, stretches: Iterable[slice]) -> FloatArray:
     """Return the residual (k, N, 3) of readings that are those of 1 to k samples before, tesla."""
     # A tesla where there is no such sample: none is displaced by that.
-    back = np.ones((LONGEST_BURST, *expected_T.shape))
+    back = np.ones((LATEST, *expected_T.shape))
     for stretch in stretches:
         own = expected_T[stretch]
-        for late in range(1, min(LONGEST_BURST, len(own) - 1) + 1):
+        for late in range(1, min(LATEST, len(own) - 1) + 1):
             back[late - 1, stretch.start + late : stretch.stop] = own[:-late] - own[late:]
     return back
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
-from tam_calibration.effects.covariates import jumps, to_world
+from tam_calibration.effects.covariates import LEAST_TURN, jumps, to_world
 from tam_calibration.effects.effect import (
     Coefficient,
     Covariates,
@@ -22,7 +22,6 @@ from tam_calibration.effects.effect import (
     Term,
     WhitenedResiduals,
 )
-from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.lags import SLOWER, followed, time_constants_s
 from tam_calibration.effects.recursions import mode
 from tam_calibration.effects.term import matrix_terms, matrix_units, scalar_term
@@ -132,7 +131,7 @@ class AmbientGradient(LinearEffect):
         rotation = Rotation.from_quat(covariates.channel("attitude"))
         half = (rotation.mean().inv() * rotation).magnitude() / 2
         turn = 2 * float(np.arcsin(np.sqrt(np.mean(np.sin(half) ** 2))))  # a few attitudes that are wrong count little
-        return f"the attitude changes by {turn:.2f} rad only" if turn < MINOR else None
+        return f"the attitude changes by {turn:.2f} rad only" if turn < LEAST_TURN else None
 
     def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
         """Yield the harmonic potentials of degree 2, 3 and 4, by their derivatives in the world at the centre."""

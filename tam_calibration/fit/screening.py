@@ -33,6 +33,10 @@ _COMPARED = 3
 """Sensors from which each is compared with the mean of the others; fewer are compared with the intensity."""
 
 
+_MEDIANS = {1: 0.45494, 3: 2.36597}
+"""Of χ² by its degrees of freedom: SciPy, which has them, takes as long to load as a calibration."""
+
+
 @dataclass(frozen=True, eq=False)
 class LeftOut:
     """The samples that are left out, each with the sensor that contradicts the others most.
@@ -197,8 +201,7 @@ class _Judge:
         self._intensity_T = float(np.median(norm(errors.restore(some.readings_T).mean(axis=1), axis=1)))
         freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
         distances = self._distances(some)
-        # The median of χ², nearly, after Wilson and Hilferty 1931.
-        scale = np.nanmedian(distances, axis=0) / (freedom * (1 - 2 / (9 * freedom)) ** 3)
+        scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
         self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
         # Probability that a sound recording loses a sample.
         exponent = np.log(distances.size / 1e-3)

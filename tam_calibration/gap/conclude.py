@@ -14,7 +14,7 @@ from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.result import Cause, Gap, Residue, Size, Verdict, Where
 from tam_calibration.gap.size import measure, noise_variance, words_of
-from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
+from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.recording import Recording
@@ -39,7 +39,7 @@ def verdict_on(found: Search, size: Size) -> Verdict:
     if size.closed < NOTABLE:  # Such a part may only be the correlation of the causes with an unknown one.
         return "unexplained"
     # A rest as large as the noise is a gap of its own.
-    is_explained = found.explains_all and size.closed > MOST and size.after < 1
+    is_explained = found.explains_all and size.closed > MOST and size.after < LARGEST_REST
     return "explained" if is_explained else "partly_explained"
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import ROUNDING, whitening
-from tam_calibration.effects.grades import LONGEST_BURST
 from tam_calibration.fit.contradiction import SIGNIFICANT
 from tam_calibration.fit.gyroscope_check import GyroscopeFit, settled_gyroscope, within_range
 from tam_calibration.fit.gyroscope_likelihood import WhiteTurns
@@ -31,6 +30,9 @@ _LENGTHS = (1, 8, 64, 512)
 
 _KNOTS = 32
 """Times at which the information on a field is calculated; between them it is interpolated."""
+
+_MARGIN = 8
+"""Intervals at begin and end in which no field begins: too few to tell it from noise."""
 
 
 def field_direction(model: Model, recording: Recording, array: Array) -> tuple[str, ...]:
@@ -126,7 +128,7 @@ def _likeliest(turns: WhiteTurns, basis: FloatArray, residual: FloatArray, lengt
     steps = np.cumsum(turns.scores(residual)[::-1], axis=0)[::-1]
     summed = np.cumsum(steps, axis=0)
     # At begin and end too few intervals tell a field from noise.
-    first = np.arange(turns.links[0] + LONGEST_BURST, turns.links[-1] - LONGEST_BURST - length)
+    first = np.arange(turns.links[0] + _MARGIN, turns.links[-1] - _MARGIN - length)
     ramps = (summed[first + length - 1] - summed[first - 1]) / length
     across = turns.by_offset / norm(turns.by_offset, axis=0)
     score = np.sum(np.einsum("nx,xna->na", ramps, across[:, first]) ** 2, axis=1)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.effects.converter import find_lattices
-from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, MINOR, NOTABLE
+from tam_calibration.effects.covariates import LEAST_TURN
+from tam_calibration.effects.grades import CERTAIN, LEAST_SAMPLES, NOTABLE
 from tam_calibration.effects.noise_excess import stated_noise
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.array import Array
@@ -85,7 +86,7 @@ def floor_of(channels: WhitenedChannels, stated: Array) -> Floor:
         known = channels.recording.scalar_T[np.isfinite(channels.recording.scalar_T)]
         if len(known) >= LEAST_SAMPLES:
             level[-1], colour[-1] = np.sqrt(_white(known)), _colour_of(known)
-    is_slow = _median_turn(channels) < MINOR
+    is_slow = _median_turn(channels) < LEAST_TURN
     if is_slow and channels.is_counted.sum() >= LEAST_SAMPLES:
         level[:-1], colour[:-1] = _of_rows(channels, stated_noise(stated))
     return Floor(level, colour, stated_noise(stated))

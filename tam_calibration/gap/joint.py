@@ -18,7 +18,7 @@ import numpy as np
 
 from tam_calibration.core.noise import BLOCKS, COSINES, slow_cosines
 from tam_calibration.correction.calibration import EffectSize
-from tam_calibration.effects.grades import NEGLIGIBLE, SLIGHT
+from tam_calibration.effects.grades import SLIGHT
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.fit.ellipsoid import free_scale
@@ -30,6 +30,9 @@ from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
+
+_STEP = 0.01
+"""Step of a parameter of the shape for numerical derivatives, as a part of its value."""
 
 
 def covariance_of(base: Base, effects: Sequence[Regressors], left_out: Sequence[Term]) -> FloatArray:
@@ -258,7 +261,7 @@ class Joint:
 
 def _slope(part: Part, name: str, channels: WhitenedChannels) -> Term:
     """Return the derivative of what an effect adds by one parameter of its shape, as a term."""
-    size = NEGLIGIBLE * part.shape[name] or NEGLIGIBLE
+    size = _STEP * part.shape[name] or _STEP
     count = channels.covariates.scalar_row + 1
 
     def added(value: float) -> FloatArray:

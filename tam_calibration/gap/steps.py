@@ -27,6 +27,9 @@ MOST_CAUSES = 4
 LEAST_EVIDENCE = 12.0
 """ΔBIC from which a hypothesis counts: odds of 400 to 1 in white noise (Kass and Raftery, JASA 90, 1995: above 10)."""
 
+LARGEST_REST = 1.0
+"""Residual, in noise floors, that causes may leave: a larger one is a gap of its own."""
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -209,7 +212,7 @@ class Search:
         """Whether the causes leave nothing but noise."""
         base = self.model.base()
         # As much again as the noise is a gap of its own.
-        return self.explains_all and base.energy < 2 * base.channels.count
+        return self.explains_all and base.energy < (1 + LARGEST_REST**2) * base.channels.count
 
     @property
     def evidence(self) -> float:
