@@ -12,7 +12,7 @@ from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, LEAST_SHARE, TIE
 from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws
-from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
+from tam_calibration.gap.laws.law import SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import law_of, noise_follows, repeated, scatter_of, spikes
@@ -259,45 +259,17 @@ def _places(found: Found) -> tuple[Place, ...]:
 
 
 def _merged(laws: list[Law]) -> list[Law]:
-    """Return the laws with those that are alike in several sensors as one."""
-    merged: list[Law] = []
+    """Return the laws with those of the same sensors and course, in other axes, as one."""
+    merged: dict[tuple[object, ...], Law] = {}
     for law in laws:
-        alike = (at for at, other in enumerate(merged) if _are_alike(other.signature, law.signature))
-        if (at := next(alike, None)) is None:
-            merged.append(law)
-        else:
-            first, signature = merged[at], _joined(merged[at].signature, law.signature)
-            merged[at] = Law(signature, first.part + law.part, first.found + law.found, law.whole)
-    return merged
+        one = law.signature
+        key = one.law, one.course, one.sensors, one.follows
+        merged[key] = _joined(merged[key], law) if key in merged else law
+    return list(merged.values())
 
 
-def _are_alike(first: Signature, second: Signature) -> bool:
-    """Say whether two laws are one: in the same sensors, or with one course that both follow."""
-    if first.law != second.law:
-        return False
-    is_alike = (first.follows, first.course) == (second.follows, second.course)
-    is_one = first.sensors == second.sensors or first.course in ("channel", "motion", "constant")
-    return (is_alike and is_one) or _have_one_course(first, second)
-
-
-def _have_one_course(first: Signature, second: Signature) -> bool:
-    """Say whether free courses of two sensors of about one size go up and down together: a supply, or a cable."""
-    if not {first.course, second.course} <= FREE or SCALAR in (first.sensors, second.sensors):
-        return False
-    smaller, larger = sorted((first.energy, second.energy))
-    if first.curve is None or second.curve is None or smaller < LEAST_SHARE * larger:
-        return False
-    other = np.interp(first.curve.time_s, second.curve.time_s, second.curve.size)
-    # The courses of independent causes are hardly correlated so much.
-    return bool(abs(np.corrcoef(first.curve.size, other)[0, 1]) > 0.85)
-
-
-def _joined(first: Signature, second: Signature) -> Signature:
-    sensors = tuple(sorted({*first.sensors, *second.sensors}, key=str))
-    return replace(
-        first,
-        sensors=sensors,
-        axes=tuple(axis for axis in AXES if axis in {*first.axes, *second.axes}),
-        energy=min(first.energy + second.energy, 1.0),
-        places=first.places if sensors == first.sensors else (sensors,),
-    )
+def _joined(first: Law, second: Law) -> Law:
+    one, other = first.signature, second.signature
+    axes = tuple(axis for axis in AXES if axis in {*one.axes, *other.axes})
+    signature = replace(one, axes=axes, energy=min(one.energy + other.energy, 1.0))
+    return Law(signature, first.part + second.part, first.found + second.found, first.whole)
