@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
 from tam_calibration.gap.laws.candidates import held
-from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE
+from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, TIE
 from tam_calibration.gap.laws.law import SCALAR
 from tam_calibration.gap.laws.patterns import Candidate, Pattern, in_every_sensor, sensor_rows
 from tam_calibration.gap.laws.whitened import Residual
@@ -47,7 +47,7 @@ def _in_fewer(best: Candidate, of: _Fitted) -> Candidate:
     """Return a law without the sensors that do not count."""
     while len(sensors := _sensors_of(best)) > 1:
         fewer = max((of([one for one in sensors if one != left]) for left in sensors), key=lambda one: one.evidence)
-        if _counts(fewer, best):
+        if _counts(fewer, best, TIE):
             break
         best = fewer
     return best
@@ -59,7 +59,7 @@ def _in_more(residual: Residual, best: Candidate, of: _Fitted) -> Candidate:
     while others := [one for one in every_sensor if one not in _sensors_of(best)]:
         more = {one: of(sorted([*_sensors_of(best), one])) for one in others}
         added = max(others, key=lambda one: more[one].evidence)
-        if not _counts(best, more[added]):
+        if not _counts(best, more[added], LEAST_EVIDENCE):
             break
         left = held(residual.without(best.signal(residual, residual)), added)
         if 2 * (more[added].evidence - best.evidence) < MOST * left:
@@ -68,10 +68,10 @@ def _in_more(residual: Residual, best: Candidate, of: _Fitted) -> Candidate:
     return best
 
 
-def _counts(fewer: Candidate, more: Candidate) -> bool:
-    """Say whether one more sensor counts, and is not only what errors of a law elsewhere leave."""
+def _counts(fewer: Candidate, more: Candidate, least: float) -> bool:
+    """Say whether one more sensor has the least evidence, and more than what errors of a law elsewhere leave."""
     gain, each = more.evidence - fewer.evidence, more.evidence / len(more.pattern.sensors)
-    return gain > max(LEAST_EVIDENCE, NEGLIGIBLE * each)
+    return gain > max(least, NEGLIGIBLE * each)
 
 
 def _sensors_of(law: Candidate) -> list[int]:

@@ -259,17 +259,24 @@ def _places(found: Found) -> tuple[Place, ...]:
 
 
 def _merged(laws: list[Law]) -> list[Law]:
-    """Return the laws with those of the same sensors and course, in other axes, as one."""
+    """Return the laws with those of the same sensors, or that follow the same, as one."""
     merged: dict[tuple[object, ...], Law] = {}
     for law in laws:
         one = law.signature
-        key = one.law, one.course, one.sensors, one.follows
+        follows_one = one.course in ("channel", "motion", "constant")
+        key = one.law, one.course, one.follows, () if follows_one else one.sensors
         merged[key] = _joined(merged[key], law) if key in merged else law
     return list(merged.values())
 
 
 def _joined(first: Law, second: Law) -> Law:
     one, other = first.signature, second.signature
-    axes = tuple(axis for axis in AXES if axis in {*one.axes, *other.axes})
-    signature = replace(one, axes=axes, energy=min(one.energy + other.energy, 1.0))
+    sensors = tuple(sorted({*one.sensors, *other.sensors}, key=str))
+    signature = replace(
+        one,
+        sensors=sensors,
+        axes=tuple(axis for axis in AXES if axis in {*one.axes, *other.axes}),
+        energy=min(one.energy + other.energy, 1.0),
+        places=one.places if sensors == one.sensors else (sensors,),
+    )
     return Law(signature, first.part + second.part, first.found + second.found, first.whole)
