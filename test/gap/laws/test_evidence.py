@@ -6,7 +6,7 @@ from numpy.linalg import inv, slogdet
 from numpy.testing import assert_allclose
 
 from tam_calibration.gap.laws.evidence import Bins, Normal, course
-from tam_calibration.gap.laws.patterns import in_sensor
+from tam_calibration.gap.laws.patterns import everywhere, in_sensor, of_motion
 from tam_calibration.gap.laws.whitened import residual_of
 
 
@@ -26,6 +26,17 @@ def test_sums_over_rows_are_those_over_the_channels(residual, law):
         cross, shared = np.einsum("ncp,ncq->pq", columns, residual.nuisance), sums.cross.sum(axis=0)
         assert_allclose(shared @ shared.T, cross @ cross.T, rtol=1e-6, atol=1e-9)
         assert np.mean(np.sum(columns**2, axis=(1, 2))) == pytest.approx(columns.shape[2])
+
+
+def test_normal_equations_are_those_of_the_columns(residual):
+    """However a law's shifts are stated, and of each axis alone: a common field, values of each row, or of all rows."""
+    for pattern in (*of_motion(residual, 2), *everywhere(residual)):
+        normal = pattern.normal(residual)
+        for part, chosen in pattern.parts():
+            columns, own = residual.response[:, :, part.rows] @ part.features, normal.part(chosen)
+            dense, score = np.einsum("ncp,ncq->pq", columns, columns), np.einsum("ncp,nc->p", columns, residual.z)
+            assert_allclose(own.information, dense, rtol=1e-9, atol=1e-9 * max(np.abs(dense).max(), 1.0))
+            assert_allclose(own.products[:, 0], score, rtol=1e-6, atol=1e-9 * max(np.abs(score).max(), 1.0))
 
 
 def test_the_evidence_of_a_course_is_that_of_its_dense_equations(residual):
