@@ -59,6 +59,9 @@ _SAME_PHASE = 1e-3
 """Part of the amplitudes that may be out of phase, all together: clocks of the sensors that differ by 16 µs make it at
 10 Hz."""
 
+_HIGHEST_HZ = 1e6
+"""Highest frequency of a source, hertz: no array samples twice as fast."""
+
 
 def estimator_of(stretch: Stretch, found: Demodulated) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the sinusoid (N,) of a source whose channels turn, and what makes its amplitudes.
@@ -200,8 +203,10 @@ def locate_alternating(
     """
     require_index(index)
     require_gradient(calibration.array)
-    if frequency_hz is not None and not 0 < frequency_hz < np.inf:
-        raise InputError(f"the frequency must be a positive number of hertz, not {frequency_hz:g}")
+    if frequency_hz is not None and not 0 < frequency_hz <= _HIGHEST_HZ:
+        raise InputError(
+            f"the frequency must be a positive number of hertz, at most {_HIGHEST_HZ:g}, not {frequency_hz:g}"
+        )
     recording = calibration.without_effects(recording)
     if recording.attitude is not None:
         recording = recording.take(np.flatnonzero(np.isfinite(recording.attitude).all(axis=1)))

@@ -100,7 +100,7 @@ class RawMessages:
         return [block[start:end] for start, end in zip(self.start.tolist(), ends, strict=True)]
 
 
-COUNT, BYTES = 16_384, 8_000_000
+COUNT, _BYTES = 16_384, 8_000_000
 """Most messages and bytes of a block: larger ones leave the processor's caches."""
 
 
@@ -119,7 +119,7 @@ def gather(messages: Iterable[tuple[int, int, bytes]], size: float = 0.0) -> Ite
     for row in messages:
         rows.append(row)
         bytes_gathered += len(row[2])
-        if len(rows) == COUNT or bytes_gathered > BYTES:
+        if len(rows) == COUNT or bytes_gathered > _BYTES:
             yield RawMessages.of(*zip(*rows, strict=True)), round(size * len(rows))
             rows, bytes_gathered = [], 0
     if rows:
@@ -142,7 +142,7 @@ def in_large_blocks(blocks: Iterable[RawMessages]) -> Iterator[RawMessages]:
     waiting: list[RawMessages] = []
     for block in blocks:
         waiting.append(block)
-        if sum(len(each.block) for each in waiting) > BYTES or sum(map(len, waiting)) >= COUNT:
+        if sum(len(each.block) for each in waiting) > _BYTES or sum(map(len, waiting)) >= COUNT:
             yield join(waiting)
             waiting = []
     if waiting:

@@ -18,7 +18,7 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from tam_calibration.files.text_files import temporary_place, unfinished
-from tam_calibration.messages.cdr import BYTES, COUNT, RawMessages
+from tam_calibration.messages.cdr import RawMessages
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_bounds import LARGEST_PIECE, Damaged, check_topics, quality_of
 from tam_calibration.recordings.bag_storages import STORAGES, Condition, StoredFile, numbers_of
@@ -35,6 +35,9 @@ _STEPS = 100_000
 _FREE_STEPS, _STEPS_A_BYTE = 10_000_000, 10
 """Steps that any file may take, about a second, and further ones for each of its bytes: reading takes less than 1."""
 
+
+ROWS, _BYTES = 8_192, 2_000_000
+"""Most rows, and bytes of messages of mean size, that a query gathers: larger blocks leave the processor's caches."""
 
 _HEAD = Struct(">16sH6xII60xI4x")
 """Head of a file: mark, size of a page, number of the last change, pages, and the change that these are of."""
@@ -161,7 +164,7 @@ class Sqlite3File(StoredFile):
         query = _GATHER if is_all else f"{_GATHER} AND topic_id IN ({','.join(map(str, position))})"
         number = numbers_of(position)
         size, first, last, count = self.path.stat().st_size, self.start_ns, self.end_ns, self.message_count
-        rows = max(min(COUNT, BYTES * count // size), 1)
+        rows = max(min(ROWS, _BYTES * count // size), 1)
         with closing(_open(self.path)) as database:
             if not _first(database, _HAS_INDEX):  # somebody dropped it
                 yield from super().blocks(position)

@@ -48,9 +48,3 @@ SCATTER_SIZES = np.geomspace(0.01, 1e8, 41)
 
 MOST_TRIED = 6
 """Laws, the best first, of which each may be accepted where those before it predict nothing."""
-
-MOST_STEPS = 3
-"""Steps of a course, at most: with more it is one of episodes."""
-
-ROUNDING = 1e-12
-"""Part of the information on shifts of the rows below which what the channels see of them is rounding."""

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.gap.laws.decisions import ROUNDING, SIZES
+from tam_calibration.core.least_squares import ROUNDING
+from tam_calibration.gap.laws.decisions import SIZES
 from tam_calibration.model.units import FloatArray
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.core.harmonics import fields
+from tam_calibration.core.least_squares import ROUNDING
 from tam_calibration.effects.recursions import lagged, play
-from tam_calibration.gap.laws.decisions import ROUNDING
 from tam_calibration.gap.laws.evidence import Bins, Fit, Normal, Sums, course
 from tam_calibration.gap.laws.law import SCALAR
 from tam_calibration.gap.laws.whitened import Residual

@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.core.least_squares import ROUNDING
 from tam_calibration.effects.grades import FEWEST, MINOR, NEARLY_ALL, NOTABLE
 from tam_calibration.effects.recursions import lagged
 from tam_calibration.effects.single_samples import A_DOZEN
-from tam_calibration.gap.laws.decisions import COARSE, LEAST_EVIDENCE, ROUNDING, SCATTER_SIZES, TOLERANCE
+from tam_calibration.gap.laws.decisions import COARSE, LEAST_EVIDENCE, SCATTER_SIZES, TOLERANCE
 from tam_calibration.gap.laws.law import Place, Signature
 from tam_calibration.gap.laws.patterns import AXES, sensor_rows
 from tam_calibration.gap.laws.whitened import Residual

@@ -7,8 +7,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from tam_calibration.effects.states import Times
-from tam_calibration.gap.laws.decisions import MOST_STEPS
+from tam_calibration.effects.states import MOST_STEPS, Times
 from tam_calibration.gap.laws.evidence import Bins, Sums, course, of_normal
 from tam_calibration.gap.laws.patterns import Candidate, Pattern, switched_gains
 from tam_calibration.gap.laws.whitened import Residual
