@@ -54,7 +54,7 @@ STORAGES = [
 def small_blocks(monkeypatch):
     """Cut blocks, chunks and batches so small that a bag of some hundred samples has many of each."""
     cut_chunks(monkeypatch, 4_000)
-    monkeypatch.setattr(bag_sqlite3, "COUNT", 57)
+    monkeypatch.setattr(bag_sqlite3, "ROWS", 57)
     monkeypatch.setattr(cdr, "COUNT", 57)
     monkeypatch.setattr(bag_source, "BATCH", 400)
 

@@ -111,7 +111,7 @@ def test_pieces_are_the_whole(bag, monkeypatch):
     """Batch by batch the same samples, without one lost or doubled, and the usage of all in the last."""
     whole = read_samples(bag)
     monkeypatch.setattr("tam_calibration.recordings.bag_source.BATCH", 100)
-    monkeypatch.setattr("tam_calibration.recordings.bag_sqlite3.COUNT", 100)
+    monkeypatch.setattr("tam_calibration.recordings.bag_sqlite3.ROWS", 100)
     monkeypatch.setattr("tam_calibration.messages.cdr.COUNT", 100)
     pieces = list(read_pieces(bag))
     assert len(pieces) > 2
