@@ -81,6 +81,7 @@ CASES = {
     "±30°, 100 nT/m": Case(VEHICLE, 100.0),
     "±30°, 100 nT/m, attitude 1°": Case(VEHICLE, 100.0, attitude_error_deg=1.0),
 }
+"""Cases by their title: what the array does, the gradient of the field, and what is not as assumed."""
 
 
 def score(case: Case, seed: int) -> dict[str, FloatArray]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from spread import Row, measure
 
-from tam_calibration.correction.calibration import Corrected
+from tam_calibration.correction.parts import Corrected
 from tam_calibration.messages.point_cloud import (
     FIELD_GRADIENT_COLUMNS,
     FRAME_ID,

@@ -23,7 +23,8 @@ from mission import DIVE_S, PIER_S, WITHIN_95, drawn, pier, scenario_of
 from rich.console import Console
 from rich.progress import track
 
-from tam_calibration.correction.calibration import COMMON_SCALE, KINDS, Calibration
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import COMMON_SCALE, KINDS
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.prior import in_first_frame, prior_of

@@ -26,7 +26,7 @@ from spread import Row, show
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.information import require_accurate
+from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.fit.problem import Known

@@ -27,7 +27,8 @@ import numpy as np
 from asked import ANYTHING, Figure, show
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.correction.calibration import KINDS, Calibration
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import KINDS
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.information import inverted

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tam_calibration.correction.calibration import KINDS
+from tam_calibration.correction.parts import KINDS
 from tam_calibration.fit.contradiction import Difference
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import in_first_frame, prior_of

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 
 RESULTS = (
     "tam_calibration.comparison.result.Comparison",
-    "tam_calibration.correction.calibration.Corrected",
+    "tam_calibration.correction.parts.Corrected",
     "tam_calibration.gap.result.Gap",
     "tam_calibration.localization.solutions.Survey",
     "tam_calibration.model.sensor_errors.ResidualSeries",

@@ -12,7 +12,8 @@ from rich.progress import Progress
 
 from tam_calibration.cli import terminal
 from tam_calibration.cli.terminal import Answer, answering
-from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import AmbientGradientEstimate
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.consistency import is_unexplained
@@ -88,7 +89,7 @@ def _tables(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
 
 def _remarks(found: Found) -> list[str]:
     """Return what the recording leaves badly determined, what was used of it, and the delays that were found."""
-    from tam_calibration.fit.information import find_weakness
+    from tam_calibration.fit.identifiability import find_weakness
 
     weakness = "" if found.calibration.update else str(find_weakness(found.shown, found.calibration))
     delays = "" if found.delays is None else _delays_in_words(found.delays)

@@ -13,7 +13,8 @@ import numpy as np
 from tam_calibration.cli import terminal
 from tam_calibration.cli.streams import say
 from tam_calibration.correction.acceptance import ScalarAgreement
-from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import Corrected
 from tam_calibration.correction.streaming import sensors_of
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import IntArray, to_nanotesla

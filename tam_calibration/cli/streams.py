@@ -37,7 +37,7 @@ class GradedBad(Refused):
 
     def say(self, reason: str) -> None:
         """Write the grade and a reason to standard output, as the answer."""
-        from tam_calibration.correction.calibration import quality_for
+        from tam_calibration.correction.parts import quality_for
         from tam_calibration.files.text_files import to_json
         from tam_calibration.results.calibration_yaml import quality_to_mapping
 

@@ -23,7 +23,8 @@ from itertools import combinations
 import numpy as np
 
 from tam_calibration.core.least_squares import Elimination
-from tam_calibration.correction.calibration import Calibration, Corrected, without_rows
+from tam_calibration.correction.calibration import Calibration, without_rows
+from tam_calibration.correction.parts import Corrected
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.removal import EffectStream, linear_effect, of_array, removable

@@ -31,7 +31,7 @@ from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.contradiction import SIGNIFICANT, TOO_FAR, MotionFit, probability_of
 from tam_calibration.fit.estimate import variance_factors
-from tam_calibration.fit.information import require_accurate
+from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.problem import Known, Problem
 from tam_calibration.fit.recorded_attitude import (

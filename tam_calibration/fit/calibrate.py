@@ -16,7 +16,8 @@ from tam_calibration.fit import published
 from tam_calibration.fit.attitude_check import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, doubts_of
 from tam_calibration.fit.estimate import OURS, widened
-from tam_calibration.fit.information import newton_step, require_determined
+from tam_calibration.fit.identifiability import require_determined
+from tam_calibration.fit.information import newton_step
 from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior

@@ -14,7 +14,7 @@ from tam_calibration.correction.acceptance import WRONG_PART
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
-from tam_calibration.fit.information import require_accurate
+from tam_calibration.fit.identifiability import require_accurate
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.reference import FOLLOWS
 from tam_calibration.model.array import Array

@@ -31,7 +31,7 @@ from numpy.linalg import slogdet
 
 from tam_calibration.core.least_squares import ROUNDING, Normal, whitening
 from tam_calibration.core.noise import BLOCKS, SlowSums
-from tam_calibration.correction.calibration import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
+from tam_calibration.correction.parts import ALL_BIASES, COMMON_SCALE, KINDS, SEVERAL, in_words
 from tam_calibration.fit.ellipsoid import without_scale
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Place, Posterior, Problem

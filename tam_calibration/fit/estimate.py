@@ -23,7 +23,8 @@ import numpy as np
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import BLOCKS, WHITE, SlowSums, VarianceFactors, complete_noise
-from tam_calibration.correction.calibration import FRAME_STATEMENT, AmbientGradientEstimate, Calibration
+from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
+from tam_calibration.correction.parts import AmbientGradientEstimate
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.information import rows_by_unknowns

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.noise import WHITE, VarianceFactors
-from tam_calibration.correction.calibration import SEVERAL, Calibration, Moved, Update, in_words
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import SEVERAL, Moved, Update, in_words
 from tam_calibration.effects.removal import of_array
 from tam_calibration.fit.attitude_check import judge_attitude
 from tam_calibration.fit.consistency import Fit, accepted, require_one_calibration, require_one_sphere
 from tam_calibration.fit.contradiction import FAR, MOST_CHANGES, PLAUSIBLE, SIGNIFICANT, Unnamed
 from tam_calibration.fit.estimate import mean_temperature, variance_factors
 from tam_calibration.fit.gyroscope_check import MOST_SAMPLES, judge_gyroscope
-from tam_calibration.fit.information import require_determined
+from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_a_posteriori import (
     FRAME_OF_GYROSCOPE,
     SETTLED,

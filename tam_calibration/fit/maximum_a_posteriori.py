@@ -16,11 +16,13 @@ from numpy.linalg import norm
 from tam_calibration.core.noise import VarianceFactors, complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR
 from tam_calibration.correction.calibration import FRAME_STATEMENT as FIRST_SENSOR
-from tam_calibration.correction.calibration import Calibration, Moved, Update
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.fit.consistency import Fit
 from tam_calibration.fit.contradiction import probability_of
 from tam_calibration.fit.estimate import make_calibration, measure_chi_square, variance_factors, with_variance_factors
-from tam_calibration.fit.information import inverted, open_parameters, require_accurate
+from tam_calibration.fit.identifiability import open_parameters, require_accurate
+from tam_calibration.fit.information import inverted
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior, in_first_frame, turned
 from tam_calibration.fit.problem import Known, Place, Posterior, Problem, posterior_of

@@ -22,7 +22,7 @@ from tam_calibration.fit.ellipsoid import Normalized, normalize
 from tam_calibration.fit.estimate import make_calibration, student_noises
 from tam_calibration.fit.information import NOT_ONE, descend, inverted, parameter_covariance
 from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization, UniformLikelihood
-from tam_calibration.fit.published import into_frame_of_first
+from tam_calibration.fit.moments import into_frame_of_first
 from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_determined, turning_of
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.model.array import Array, KnownNoiseArray

@@ -12,7 +12,8 @@ from numpy.linalg import inv, norm
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of
-from tam_calibration.fit.information import InformationModel, information_of, refuse_open, require_determined
+from tam_calibration.fit.identifiability import refuse_open, require_determined
+from tam_calibration.fit.information import InformationModel, information_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.linalg import slogdet
 
 from tam_calibration.core.noise import VarianceFactors
-from tam_calibration.correction.calibration import KINDS, Moved
+from tam_calibration.correction.parts import KINDS, Moved
 from tam_calibration.fit import contradiction
 from tam_calibration.fit.contradiction import Unnamed, unnamed_changes
 from tam_calibration.fit.estimate import sample_energies

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Normal, gram
-from tam_calibration.correction.calibration import AmbientGradientEstimate
+from tam_calibration.correction.parts import AmbientGradientEstimate
 from tam_calibration.effects.surroundings import require_attitude, without_gradient
 from tam_calibration.fit.ellipsoid import Normalized, sphere_center
 from tam_calibration.fit.likelihood import ChannelMaps, Turning

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Normal, scaled
-from tam_calibration.correction.calibration import Calibration, KnownSource
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import KnownSource
 from tam_calibration.fit.information import descend, inverted
 from tam_calibration.fit.prior import turned
 from tam_calibration.model.array import Array, KnownNoiseArray

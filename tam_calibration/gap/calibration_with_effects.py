@@ -17,7 +17,7 @@ from tam_calibration.effects.removal import linear_effect, on_sensors
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.consistency import LOOK_FOR_CAUSE, SOMETHING_MAGNETIC
 from tam_calibration.fit.estimate import make_calibration
-from tam_calibration.fit.information import refuse_open, require_determined
+from tam_calibration.fit.identifiability import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.diagnose import diagnose
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, refined

@@ -15,7 +15,7 @@ from numpy.linalg import LinAlgError
 from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
 from tam_calibration.effects.library import installed_effects, shown_by
 from tam_calibration.fit.consistency import accepted
-from tam_calibration.fit.information import require_determined
+from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.gap.conclude import conclude

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from tam_calibration.core.noise import BLOCKS, COSINES, slow_cosines
-from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.correction.parts import EffectSize
 from tam_calibration.effects.grades import SLIGHT
 from tam_calibration.effects.removal import on_sensors
 from tam_calibration.effects.term import Coefficient, Term

@@ -30,9 +30,9 @@ from tam_calibration.effects.states import BiasJump
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
-from tam_calibration.fit.information import require_determined
+from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.published import mirror_images
+from tam_calibration.fit.moments import mirror_images
 from tam_calibration.gap.regressors import products_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import ridged, scaled
-from tam_calibration.correction.calibration import ALL_BIASES, SEVERAL, Calibration
-from tam_calibration.fit.information import open_parameters
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import ALL_BIASES, SEVERAL
+from tam_calibration.fit.identifiability import open_parameters
 from tam_calibration.fit.likelihood import Linearization
 from tam_calibration.fit.prior import Prior
-from tam_calibration.live.change_window import BLOCK_S, GRADIENT, BlockMeans, BlockNoise, ChangeWindow, Step, Suspicion
+from tam_calibration.live.change import GRADIENT
+from tam_calibration.live.change_window import BLOCK_S, BlockMeans, BlockNoise, ChangeWindow, Step, Suspicion
 from tam_calibration.live.recursion import (
     Belief,
     MomentLikelihood,

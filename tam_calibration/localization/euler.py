@@ -23,8 +23,8 @@ from tam_calibration.sources.dipole import moment_of_field
 CURRENT_INDEX, DIPOLES_INDEX, DIPOLE_INDEX = 1.0, 2.0, 3.0
 """Structural indices of a line of current, a line of dipoles, and a dipole."""
 
-# 99.73 % points of χ² with 3 and 5 degrees of freedom: as rare as three standard deviations.
 _FIELD_CHI_SQUARE, _TENSOR_CHI_SQUARE, _DEVIATIONS = 14.16, 18.21, 3.0
+"""99.73 % points of χ² with 3 and 5 degrees of freedom, as rare as three standard deviations."""
 
 
 def locate(

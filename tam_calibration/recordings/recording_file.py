@@ -11,7 +11,7 @@ from os import path as paths
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.files.text_files import in_file, require_regular
 from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.samples import Progress, Samples

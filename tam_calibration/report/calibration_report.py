@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import Coverage, measure_coverage
-from tam_calibration.fit.information import find_weakness
+from tam_calibration.fit.identifiability import find_weakness
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import ResidualSeries, SensorErrors, residual_series
 from tam_calibration.model.units import to_nanotesla

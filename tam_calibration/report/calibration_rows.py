@@ -4,7 +4,8 @@ from itertools import groupby
 
 import numpy as np
 
-from tam_calibration.correction.calibration import Calibration, KnownSource, Moved, Update, in_words
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import KnownSource, Moved, Update, in_words
 from tam_calibration.effects.library import units_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
 from tam_calibration.model.data_sheet import DAY_S

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.result import Gap
 from tam_calibration.report import gap_plots, gap_rows

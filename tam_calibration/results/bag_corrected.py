@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.correction.calibration import Corrected
+from tam_calibration.correction.parts import Corrected
 from tam_calibration.messages import point_cloud
 from tam_calibration.messages.cdr import NO_TIME, RawMessages, fill, interleave
 from tam_calibration.messages.point_cloud import sensor_topic

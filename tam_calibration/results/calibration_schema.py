@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tam_calibration.correction.acceptance import beyond_limits
-from tam_calibration.correction.calibration import (
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import (
     AmbientGradientEstimate,
-    Calibration,
     EffectSize,
     Grade,
     KnownSource,

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from tam_calibration import __version__
-from tam_calibration.correction.calibration import AmbientGradientEstimate, Calibration, KnownSource, Quality
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import AmbientGradientEstimate, KnownSource, Quality
 from tam_calibration.effects.library import units_of
 from tam_calibration.files.schema import NOT_TURNED, block_to_write, value_to_write
 from tam_calibration.files.text_files import in_file, read_text, write_text

@@ -13,7 +13,7 @@ from tam_calibration import __version__
 from tam_calibration.comparison import result
 from tam_calibration.comparison.mend import Mend, NoiseTerm, gazebo_sdf, python_plugin
 from tam_calibration.comparison.side import Figure
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.effects.library import check_numbers, effect_named, units_of
 from tam_calibration.files.schema import Bounds, Document, Hertz, NanoteslaSize, check_file, in_si, value_to_write
 from tam_calibration.files.text_files import in_file, to_json, write_text

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tam_calibration.correction.calibration import Calibration, Corrected
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import Corrected
 from tam_calibration.correction.streaming import ContradictionSearch, PartialCorrection
 from tam_calibration.files.schema import nanotesla_to_write
 from tam_calibration.files.text_files import write_whole

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.effects.effect import Sized
 from tam_calibration.files.text_files import to_json, write_text
 from tam_calibration.gap.checks import Check, Checks

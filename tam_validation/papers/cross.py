@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.fit.published import procrustes, rotation_by_regression
+from tam_calibration.fit.moments import procrustes, rotation_by_regression
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors

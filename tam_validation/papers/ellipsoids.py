@@ -4,7 +4,8 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.published import Moments, first_order, gather
+from tam_calibration.fit.moments import Moments, gather
+from tam_calibration.fit.published import first_order
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray

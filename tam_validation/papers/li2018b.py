@@ -9,7 +9,7 @@ import numpy as np
 
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.published import procrustes
+from tam_calibration.fit.moments import procrustes
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording

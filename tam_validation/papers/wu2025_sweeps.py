@@ -9,7 +9,7 @@ from numpy.linalg import inv, norm
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import ellipsoid
-from tam_calibration.fit.published import field_products, gather, procrustes
+from tam_calibration.fit.moments import field_products, gather, procrustes
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_nanotesla, to_nanotesla

@@ -8,7 +8,7 @@ import pytest
 from numpy.linalg import inv, norm
 from numpy.testing import assert_allclose
 
-from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.correction.parts import EffectSize
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError

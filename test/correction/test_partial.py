@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.correction.parts import EffectSize
 from tam_calibration.correction.streaming import PartialCorrection, missing_codes
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import OUTPUT_NAMES, Array, tensors_of

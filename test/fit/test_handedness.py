@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tam_calibration.fit.calibrate import METHODS
-from tam_calibration.fit.published import mirror_images, require_one_hand
+from tam_calibration.fit.moments import mirror_images, require_one_hand
 from tam_calibration.model.exceptions import InputError
 
 

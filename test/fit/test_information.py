@@ -8,14 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.ellipsoid import free_scale
-from tam_calibration.fit.information import (
-    InformationModel,
-    bound,
-    find_weakness,
-    information_of,
-    require_accurate,
-    require_determined,
-)
+from tam_calibration.fit.identifiability import find_weakness, require_accurate, require_determined
+from tam_calibration.fit.information import InformationModel, bound, information_of
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused

@@ -9,7 +9,7 @@ from narrow_turns import FINE, WIDE, array_of, drawn, turned
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.core.noise import WHITE
-from tam_calibration.correction.calibration import EffectSize, KnownSource
+from tam_calibration.correction.parts import EffectSize, KnownSource
 from tam_calibration.effects.removal import added_to
 from tam_calibration.fit import calibrate, joint_calibration
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from moved_sensors import DIRECTION, SIZES, joined, moved, turn
 
-from tam_calibration.correction.calibration import KINDS
+from tam_calibration.correction.parts import KINDS
 from tam_calibration.fit import prior_changes
 from tam_calibration.fit.contradiction import MOST_CHANGES, candidates_of
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori, with_noise

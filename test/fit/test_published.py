@@ -13,17 +13,14 @@ from scipy.stats import norm, t
 
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.moments import gather, jackknife, lasting_factor, rotation_by_regression
 from tam_calibration.fit.prior import in_first_frame
 from tam_calibration.fit.published import (
     artificial_vector,
     fast_rotation,
-    gather,
     integrated,
-    jackknife,
-    lasting_factor,
     lossless,
     regress,
-    rotation_by_regression,
     simplified_linear,
     two_step_linear,
 )

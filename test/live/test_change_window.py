@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.fit.contradiction import Hypothesis
-from tam_calibration.live.change_window import CLEAR_RATIO, Before, Evidence, Weighing, hypotheses
+from tam_calibration.live.change import CLEAR_RATIO, Before, Evidence, Weighing, hypotheses
 from tam_calibration.model.array import Array
 
 

@@ -12,16 +12,15 @@ from scipy.signal import lfilter
 from scipy.special import chdtrc
 
 from tam_calibration.fit.contradiction import FAR_RATIO
+from tam_calibration.live.change import CLEAR_RATIO, hypotheses
 from tam_calibration.live.change_window import (
     BLOCK_S,
-    CLEAR_RATIO,
     DECIDE_S,
     FALSE_ALARMS_A_DAY,
     FEWEST_AFTER,
     SCREENED,
     WINDOW,
     chance_of_test,
-    hypotheses,
 )
 from tam_calibration.live.live import MOST_CHANGES, PUBLISHED_FROM, WIDENED, Live
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, Recursion

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from ros_bench import rows_of
 
-from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.correction.parts import EffectSize
 from tam_calibration.correction.streaming import Correction
 from tam_calibration.fit import calibrate
 from tam_calibration.messages.point_cloud import SampleLayout

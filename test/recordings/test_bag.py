@@ -12,7 +12,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.correction.calibration import Corrected
+from tam_calibration.correction.parts import Corrected
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting

@@ -8,7 +8,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from tam_calibration.correction.calibration import Calibration, Provenance
+from tam_calibration.correction.calibration import Calibration
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals, noise_floor

@@ -3,7 +3,7 @@ import errno
 import numpy as np
 import pytest
 
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.report import calibration_report

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.comparison.mend import gazebo_sdf, python_plugin
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.coverage import cell_of
 from tam_calibration.model.units import to_nanotesla

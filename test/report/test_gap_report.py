@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.gap.result import Residue

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.correction.calibration import KnownSource
+from tam_calibration.correction.parts import KnownSource
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import from_degrees
 from tam_calibration.report.calibration_report import write_calibration_report

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tam_calibration.correction.calibration import KINDS, Moved, Update
+from tam_calibration.correction.parts import KINDS, Moved, Update
 from tam_calibration.model.data_sheet import ChangeRates
 from tam_calibration.report.calibration_rows import update_sentences
 

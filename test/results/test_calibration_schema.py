@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tam_calibration.correction.calibration import Moved, Update
+from tam_calibration.correction.parts import Moved, Update
 from tam_calibration.files.schema import check
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood

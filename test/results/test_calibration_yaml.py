@@ -8,7 +8,7 @@ import pytest
 import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tam_calibration.correction.calibration import AmbientGradientEstimate, EffectSize, Provenance
+from tam_calibration.correction.parts import AmbientGradientEstimate, EffectSize, Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.fit import calibrate
 from tam_calibration.model.array import Array

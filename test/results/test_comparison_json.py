@@ -3,7 +3,7 @@
 import json
 
 from tam_calibration.comparison.mend import gazebo_sdf
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.files.text_files import to_json
 from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, mend_to_mapping, write_comparison
 

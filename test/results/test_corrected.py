@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.rosbag2 import Reader, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tam_calibration.correction.calibration import Corrected
+from tam_calibration.correction.parts import Corrected
 from tam_calibration.model.array import OUTPUT_NAMES
 from tam_calibration.model.recording import Recording
 from tam_calibration.results import write_corrected_pieces, write_recording

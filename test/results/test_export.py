@@ -14,7 +14,7 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 from scipy.linalg import polar
 
-from tam_calibration.correction.calibration import EffectSize
+from tam_calibration.correction.parts import EffectSize
 from tam_calibration.fit import calibrate
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.sensor_errors import ORIENTATIONS, SensorErrors

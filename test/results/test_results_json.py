@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.correction.calibration import Provenance
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.effects.effect import Limit, Sized
 from tam_calibration.gap.checks import checks_of
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
