@@ -119,8 +119,8 @@ class RecordingStream:
     @cached_property
     def time_span_s(self) -> tuple[float, float]:
         """First and last time stamp, seconds."""
-        places = self._places([0, self.sample_count - 1])
-        first, last = (float(self._columns["time_s"].read(place, 1)[0]) for place in places)
+        places = np.arange(self._columns["time_s"].count) if self._chosen is None else np.flatnonzero(self._chosen)
+        first, last = (float(self._columns["time_s"].read(place, 1)[0]) for place in (places[0], places[-1]))
         return first, last
 
     def blocks(self) -> Iterator[Block]:
@@ -132,16 +132,9 @@ class RecordingStream:
     def thinned(self, most: int) -> Recording:
         """Return every n-th sample, so that there are at most so many; they are kept for the next time."""
         if most not in self._thinned:
-            self._thinned[most] = self._every(-(-self.sample_count // most))
+            every = np.arange(self.sample_count) % -(-self.sample_count // most) == 0
+            self._thinned[most] = self.take(every).whole()
         return self._thinned[most]
-
-    def _every(self, stride: int) -> Recording:
-        if stride == 1:
-            return self.whole()
-        places = self._places(np.arange(0, self.sample_count, stride))
-        columns = self._columns.items()
-        values = {name: np.concatenate([each.read(place, 1) for place in places]) for name, each in columns}
-        return Recording.of_values(values)
 
     def with_noise(self, noise: InterpolatedNoise) -> "RecordingStream":
         """Return the same samples with what interpolation made of their noise."""
@@ -164,10 +157,6 @@ class RecordingStream:
         parts = zip(*self._read(names), strict=True)
         recording = Recording.of_values({name: np.concatenate(part) for name, part in zip(names, parts, strict=True)})
         return recording if self.interpolated_noise is None else recording.with_noise(self.interpolated_noise)
-
-    def _places(self, index: "NDArray[np.integer] | list[int]") -> "NDArray[np.integer]":
-        """Return where in the files some samples lie."""
-        return np.asarray(index) if self._chosen is None else np.flatnonzero(self._chosen)[index]
 
     def _read(self, names: list[str]) -> Iterator[list[FloatArray]]:
         """Yield values of some columns, block by block."""

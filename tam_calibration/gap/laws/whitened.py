@@ -201,7 +201,7 @@ def residual_of(model: Model) -> Residual:
     channels = model.base().channels
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
-    index = index[:: -(-len(index) // 8000)]  # more would not change which law predicts best
+    index = index[:: -(-len(index) // 5000)]  # more would not change which law predicts best
     z, response = _channels(channels, index)
     size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
     row_T = 1 / float(size)
@@ -285,11 +285,13 @@ def _turning(rotation: FloatArray, time_s: FloatArray) -> FloatArray:
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """Return orthonormal directions (N, C, q) of the span of columns (N, C, p)."""
     flat = columns.reshape(-1, columns.shape[2])
-    size = np.sqrt((flat**2).sum(axis=0))
-    flat = flat[:, size > 0] / size[size > 0]
-    values, vectors = np.linalg.eigh(flat.T @ flat)
+    products = flat.T @ flat
+    size = np.sqrt(np.diag(products))
+    inverse = np.divide(1, size, out=np.zeros(len(size)), where=size > 0)
+    values, vectors = np.linalg.eigh(products * inverse * inverse[:, None])
     kept = values > 1e-9 * values[-1]
-    return np.asarray((flat @ (vectors[:, kept] / np.sqrt(values[kept]))).reshape(*columns.shape[:2], -1))
+    turned = inverse[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    return np.asarray((flat @ turned).reshape(*columns.shape[:2], -1))
 
 
 def _perpendicular(z: FloatArray, nuisance: FloatArray) -> FloatArray:
