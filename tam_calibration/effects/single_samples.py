@@ -276,6 +276,20 @@ class Explained:
     contribution: Contribution
 
 
+def _of_their_own(found: list[Explained]) -> list[Explained]:
+    """Return what was found without sensors that are displaced in few samples, in all of which another is too.
+
+    A sensor that is displaced moves the field with which the others are compared.
+    """
+    return [
+        one
+        for one in found
+        if not any(
+            (one.samples <= other.samples).all() and one.samples.sum() < MINOR * other.samples.sum() for other in found
+        )
+    ]
+
+
 class DisplacedEffect(FoundEffect):
     """Displaced readings of one or several sensors; their samples are excluded.
 
@@ -294,7 +308,7 @@ class DisplacedEffect(FoundEffect):
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the displaced samples, flagged, or why there are none."""
         of_sensors = (self.explained(residuals, sensor) for sensor in range(residuals.covariates.sensor_count))
-        found = [one for one in of_sensors if one is not None]
+        found = _of_their_own([one for one in of_sensors if one is not None])
         if not found:
             return self.unseen
         flagged = np.any([one.samples for one in found], axis=0)

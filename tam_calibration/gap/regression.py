@@ -37,10 +37,15 @@ def pseudo_inverse(information: FloatArray, relative: float = _ROUNDING) -> Floa
     relative : float
         Eigenvalues below this part of the largest count as zero, after scaling to a unit diagonal.
     """
-    size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    size = _units(np.diag(information))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     kept = values > relative * max(values[-1], np.finfo(float).tiny)
     return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(size, size))
+
+
+def _units(diagonal: FloatArray) -> FloatArray:
+    """Return the units (P,) of columns; one that is zero everywhere has no part in any direction."""
+    return np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +104,7 @@ class Projected:
 
     @cached_property
     def _size(self) -> FloatArray:
-        """(P,) units of the columns; one that is zero everywhere has no part in any direction."""
-        return np.where(self.before > 0, np.sqrt(np.maximum(self.before, 0)), np.inf)
+        return _units(self.before)
 
     @cached_property
     def _scaled(self) -> FloatArray:
@@ -178,7 +182,7 @@ class Base:
 
 
 def _rank(information: FloatArray) -> int:
-    size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    size = _units(np.diag(information))
     return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_ROUNDING * len(size), hermitian=True))
 
 

@@ -8,6 +8,8 @@ from functools import reduce
 from math import exp
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from tam_calibration.effects.covariates import Covariates, to_world
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLIGHT
@@ -176,8 +178,9 @@ def _times_of(law: Law) -> Times:
 
 
 def candidates(base: Base, offers: Sequence[Evidence], law: Signature) -> list[Evidence]:
-    """Return the first of some offers, or special cases of them, that may explain a law; each effect once."""
-    chosen = {one.effect: one for one in (special_case(offer, offers) for offer in offers[:4])}
+    """Return the first of some offers, special cases of them before, that may explain a law; each effect once."""
+    first = offers[:4]
+    chosen = {one.effect: one for one in (*(special_case(offer, offers) for offer in first), *first)}
     return [one for one in chosen.values() if is_plausible(base, one, law)]
 
 
@@ -391,17 +394,21 @@ def _key(law: Law) -> _Key:
 def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool:
     """Say whether poses that are taken up again speak against an effect without a recorded channel.
 
-    What the motion makes is the same at both visits to a pose, and leaves little that is; what goes with its rate may
-    leave more. What depends on the time or on the way to a pose is not: else it imitates some function of the pose.
+    What the motion makes is the same at both visits to a pose, and leaves little that is, beside what it explains; what
+    goes with its rate may leave more. What depends on the time or on the way to a pose is not: else it imitates some function of the pose.
     """
-    first, last = (model.base().channels.differential for model in (before, after))
-    again = None if effect.channels else repeats(pose_of(before.base().channels.covariates))
+    channels = [model.base().channels for model in (before, after)]
+    again = None if effect.channels else repeats(pose_of(channels[0].covariates))
     if again is None:
         return False
+    first, last = (
+        np.column_stack([one.differential, np.sqrt(one.precision) * one.intensity_residual_T]) for one in channels
+    )
     if (effect.is_free_in_time or effect.has_memory) and again.are_same(first - last):
         return True
     part = NOTABLE if usual_law(effect.name) == "rate" else SLIGHT
-    return not effect.is_free_in_time and again.energy(last) > part * again.energy(first) > 0
+    least = max(part * again.energy(first), MINOR * float(np.mean(np.sum((first - last) ** 2, axis=1))))
+    return not effect.is_free_in_time and again.energy(last) > least
 
 
 def _at_times_of(accepted: Evidence, offers: Sequence[Evidence]) -> list[Evidence]:
