@@ -178,9 +178,13 @@ def _times_of(law: Law) -> Times:
 
 
 def candidates(base: Base, offers: Sequence[Evidence], law: Signature) -> list[Evidence]:
-    """Return the first of some offers, special cases of them before, that may explain a law; each effect once."""
-    first = offers[:4]
-    chosen = {one.effect: one for one in (*(special_case(offer, offers) for offer in first), *first)}
+    """Return the first of some offers that may explain a law, each effect once.
+
+    A special case of an offer comes in its place or, where it explains less, before it.
+    """
+    pairs = [(special_case(offer, offers), offer) for offer in offers[:4]]
+    more = [offer for special, offer in pairs if special.gain < NEARLY_ALL * offer.gain]
+    chosen = {one.effect: one for one in (*(special for special, _ in pairs), *more)}
     return [one for one in chosen.values() if is_plausible(base, one, law)]
 
 

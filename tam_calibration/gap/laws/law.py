@@ -235,7 +235,7 @@ def usual_law(effect: str) -> str:
 def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature:
     """Return a law at the place of its cause, where that is one of its sensors or all of them and more.
 
-    Of several sensors those in which a cause is small are left out.
+    Of several sensors those in which a cause is small are left out. What several sensors have shows at the scalar too.
 
     Parameters
     ----------
@@ -244,7 +244,8 @@ def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature
     sensors, axes : tuple
         Where the cause acts.
     """
-    is_there = set(sensors) >= set(law.sensors) or (len(sensors) == 1 and sensors[0] in law.sensors)
+    shows = {*sensors, *(SCALAR if len(sensors) > 1 else ())}
+    is_there = shows >= set(law.sensors) or (len(sensors) == 1 and sensors[0] in law.sensors)
     if is_there and sensors not in law.places:
         law = replace(law, sensors=sensors, places=(sensors,), axes=law.axes or axes)
     return replace(law, axes=axes) if sensors == law.sensors and axes and set(axes) <= set(law.axes) else law

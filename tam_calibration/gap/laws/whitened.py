@@ -201,7 +201,7 @@ def residual_of(model: Model) -> Residual:
     channels = model.base().channels
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
-    index = index[:: -(-len(index) // 5000)]  # more would not change which law predicts best
+    index = index[:: -(-len(index) // 6500)]  # more would not change which law predicts best
     z, response = _channels(channels, index)
     size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
     row_T = 1 / float(size)
