@@ -276,7 +276,7 @@ class Explained:
     contribution: Contribution
 
 
-def _of_their_own(found: list[Explained]) -> list[Explained]:
+def of_their_own(found: list[Explained]) -> list[Explained]:
     """Return what was found without sensors that are displaced in few samples, in all of which another is too.
 
     A sensor that is displaced moves the field with which the others are compared.
@@ -308,7 +308,7 @@ class DisplacedEffect(FoundEffect):
     def find(self, residuals: WhitenedResiduals) -> Finding | str:
         """Return the displaced samples, flagged, or why there are none."""
         of_sensors = (self.explained(residuals, sensor) for sensor in range(residuals.covariates.sensor_count))
-        found = _of_their_own([one for one in of_sensors if one is not None])
+        found = of_their_own([one for one in of_sensors if one is not None])
         if not found:
             return self.unseen
         flagged = np.any([one.samples for one in found], axis=0)

@@ -399,7 +399,8 @@ def _is_open_at_poses(effect: LinearEffect, before: Model, after: Model) -> bool
     """Say whether poses that are taken up again speak against an effect without a recorded channel.
 
     What the motion makes is the same at both visits to a pose, and leaves little that is, beside what it explains; what
-    goes with its rate may leave more. What depends on the time or on the way to a pose is not: else it imitates some function of the pose.
+    goes with its rate may leave more. What depends on the time or on the way to a pose is not: else it imitates some
+    function of the pose.
     """
     channels = [model.base().channels for model in (before, after)]
     again = None if effect.channels else repeats(pose_of(channels[0].covariates))

@@ -5,7 +5,7 @@ import pytest
 from findings import evidence
 from numpy.testing import assert_allclose
 
-from tam_calibration.effects.single_samples import Outliers, StaleSamples
+from tam_calibration.effects.single_samples import Explained, Outliers, StaleSamples, of_their_own
 from tam_calibration.model.fitted_effect import Contribution
 
 STALE = StaleSamples()
@@ -44,6 +44,13 @@ def test_repeats_are_found(bench, rate, fresh_T, sensors):
     assert_allclose(part.values["rate"], stale.mean(), atol=0.002)
     assert found.flagged[stale].mean() > 0.98 and not found.flagged[~stale].any()
     assert evidence(found, residuals) > 100
+
+
+def test_a_sensor_is_no_cause_for_what_another_repeats():
+    """Few samples, in all of which another sensor with many is displaced too, are those of that sensor."""
+    samples = np.arange(100)
+    few, many, apart = (Explained(samples % step == rest, None, None) for step, rest in ((50, 0), (2, 0), (50, 1)))
+    assert of_their_own([few, many, apart]) == [many, apart]
 
 
 def test_a_single_repeat_is_told_from_a_spike(bench):

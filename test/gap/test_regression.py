@@ -129,7 +129,12 @@ def test_the_likelihood_ratio_is_of_a_free_scale():
 
 
 def test_a_column_without_information_is_no_direction():
-    """A feature that is zero everywhere gains nothing and divides by nothing."""
+    """A feature that is zero everywhere gains nothing, divides by nothing, and gets a coefficient of zero."""
+    matrix = np.random.default_rng(1).normal(size=(40, 13))
+    matrix[:, 6] = 0
+    inverse, others = pseudo_inverse(matrix.T @ matrix), np.arange(13) != 6
+    assert not inverse[6].any()
+    assert_allclose(inverse[others][:, others], np.linalg.pinv(matrix[:, others].T @ matrix[:, others]), rtol=1e-9)
     projected = Projected(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.array([4.0, 0.0]))
     assert projected.gain() == (1.0, 1)
     gains, ranks = projected.gains([np.array([0]), np.array([1]), np.array([0, 1])])

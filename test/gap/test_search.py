@@ -1,6 +1,7 @@
 """The search for causes: what explains a law is named in its sensor, what does not is not."""
 
 from dataclasses import replace
+from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,9 +15,11 @@ from tam_calibration.gap.diagnose import judge
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.search import Offers, is_plausible
+from tam_calibration.gap.search import Offers, candidates, is_plausible
 from tam_calibration.gap.steps import Search
 from tam_calibration.model.recording import Recording
+
+search_module = import_module("tam_calibration.gap.search")
 
 SAMPLES = 300
 
@@ -93,6 +96,22 @@ def test_what_the_readings_prove_is_tried_first(run):
     model = Model.nominal(made.recording, made.array)
     offers = next(Offers(model, (), lambda *_: None).of(model.base(), law, ()))
     assert offers[0].effect == "saturation"
+
+
+@pytest.mark.parametrize(("gain", "tried"), [(99.0, ["time_skew"]), (80.0, ["time_skew", "eddy_current"])])
+def test_a_special_case_that_explains_less_comes_before_the_general_effect(monkeypatch, gain, tried):
+    """Where it explains nearly as much the general effect is not tried at all."""
+    special, general = SimpleNamespace(effect="time_skew", gain=gain), SimpleNamespace(effect="eddy_current", gain=100)
+    monkeypatch.setattr(search_module, "special_case", lambda best, others: special)
+    monkeypatch.setattr(search_module, "is_plausible", lambda *_: True)
+    assert [one.effect for one in candidates(None, [general, special], None)] == tried
+
+
+def test_a_drift_of_the_scalar_is_named_where_poses_are_taken_up_again(run):
+    """It is not the same at both visits to a pose, as the sensors' own differences would be."""
+    made = taken_up_again(run(72), np.tile(np.arange(72), 2))
+    gap = diagnose(made.with_row(12, 3e-9 * np.linspace(-1, 1, 144) ** 2).recording, made.array)
+    assert [(one.fitted.effect, one.sensors) for one in gap.causes] == [("geomagnetic_drift", ("scalar",))]
 
 
 def test_spikes_of_one_axis_are_in_that_one(run):

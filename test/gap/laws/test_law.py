@@ -52,3 +52,10 @@ def test_an_axis_of_a_cause_in_the_same_sensor():
     assert at_place(either, (3,), ("x", "y", "z")).places == either.places
     common = Signature("offset", "slow", SCALAR, (), 1.0, (SCALAR, (1, 2, 3, 4)), None, (), 100.0)
     assert at_place(common, SCALAR, ()) == common
+
+
+def test_what_several_sensors_have_shows_at_the_scalar():
+    """A law that was found at the scalar is in the sensors of its cause, if they are several."""
+    law = Signature("rate", "constant", SCALAR, (), 1.0, (SCALAR,), None, (), 100.0)
+    assert at_place(law, (1, 2, 3, 4), ("x", "y", "z")).sensors == (1, 2, 3, 4)
+    assert at_place(law, (2,), ("x", "y", "z")) == law
