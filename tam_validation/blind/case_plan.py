@@ -28,9 +28,9 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("moist_boards", "walking_operator", "arc_welder"),
     *("left_toolbox", "folding_arms", "viscous_hull"),
     *("winch_drum", "scanning_multiplexer", "passing_boat"),
+    *("coiled_cable", "thrusters"),
 )
 """What disturbs all sensors leaves none to another cause."""
 

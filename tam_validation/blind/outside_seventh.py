@@ -20,8 +20,7 @@ from tam_validation.blind.disturbance import (
 )
 from tam_validation.blind.material import low_pass
 from tam_validation.blind.outside import in_a_sensor, outside, read_late
-from tam_validation.blind.outside_fifth import followed
-from tam_validation.blind.processes import draw_wander
+from tam_validation.blind.processes import TimeFunction, draw_wander
 from tam_validation.blind.scene import Scene
 from tam_validation.blind.surroundings import dipole
 from tam_validation.blind.vehicle import carried, size_of
@@ -115,6 +114,14 @@ def warm_oscillator(rng: Generator, scene: Scene) -> Disturbance:
     """Time a sensor's digital filter by a resistor and a capacitor: its delay goes with heat, about a known mean."""
     late = rng.choice([-1.0, 1.0]) * followed(rng, scene, scene.temperature)
     return read_late(scene, "warm_oscillator", draw_sensor(rng, scene), late)
+
+
+def followed(rng: Generator, scene: Scene, heating: TimeFunction) -> FloatArray:
+    """Return how warm (N,) matter is that follows a heating late, of mean zero and standard deviation one."""
+    lag_s = scene.duration_s * 10 ** rng.uniform(-2.0, -1.2)
+    fine_s = np.linspace(-5 * lag_s, scene.duration_s, _FINE)
+    warm = np.interp(scene.time_s, fine_s, low_pass(heating(fine_s), lag_s, fine_s))
+    return np.asarray((warm - warm.mean()) / warm.std())
 
 
 def wrong_bit_weight(rng: Generator, scene: Scene, sensor: int) -> FloatArray:

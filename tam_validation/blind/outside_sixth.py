@@ -22,7 +22,6 @@ from tam_validation.blind.disturbance import (
 )
 from tam_validation.blind.material import low_pass
 from tam_validation.blind.outside import in_a_sensor, outside
-from tam_validation.blind.outside_fifth import from_beside
 from tam_validation.blind.processes import draw_wander
 from tam_validation.blind.scene import Scene
 from tam_validation.blind.surroundings import dipole
@@ -124,7 +123,7 @@ def left_toolbox(rng: Generator, scene: Scene) -> Disturbance:
     """Put a toolbox of steel down beside the place where the array is turned, or take it away from there."""
     after = scene.time_s > rng.uniform(0.25, 0.75) * scene.duration_s
     there = after if rng.random() < 0.5 else ~after
-    return from_beside(rng, scene, "left_toolbox", scene.to_world, there.astype(float))
+    return from_beside(rng, scene, "left_toolbox", there.astype(float))
 
 
 def humming_reference(rng: Generator, scene: Scene) -> Disturbance:
@@ -165,6 +164,16 @@ def viscous_hull(rng: Generator, scene: Scene) -> Disturbance:
     extra = np.einsum("nm,mpi->npi", moment, np.stack([dipole(one, away_m) for one in np.eye(3)]))
     change = carried(scene, 1e-9 * extra / size_of(extra))
     return Disturbance("viscous_hull", (ALL,), (), change, "nT", {"distance_m": float(norm(place_m))})
+
+
+def from_beside(rng: Generator, scene: Scene, effect: str, size: FloatArray) -> Disturbance:
+    """Return what a dipole of some size (N,) does that rests beside the place where the array is turned."""
+    distance_m = rng.uniform(0.8, 3)
+    at_m = np.einsum("nij,kj->nki", scene.to_world, np.vstack([scene.positions_m, np.zeros(3)]))
+    field = dipole(draw_direction(rng), at_m - distance_m * draw_direction(rng))
+    extra = np.einsum("n,nji,nkj->nki", size, scene.to_world, field)
+    change = carried(scene, 1e-9 * extra / size_of(extra))
+    return Disturbance(effect, (ALL,), (), change, "nT", {"distance_m": distance_m})
 
 
 SIXTH = {

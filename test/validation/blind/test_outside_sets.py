@@ -1,4 +1,4 @@
-"""The fifth, the sixth and the seventh set of causes outside the library."""
+"""The sixth, the seventh and the eighth set of causes outside the library."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from tam_validation.blind import SETS
 from tam_validation.blind.case_plan import plan_cases
 from tam_validation.blind.catalogue import CATALOGUE, CAUSES, LAWS, OUTSIDE_SETS
 from tam_validation.blind.continuous_motion import ContinuousMotion
-from tam_validation.blind.outside_fifth import FIFTH
+from tam_validation.blind.outside_eighth import EIGHTH
 from tam_validation.blind.outside_seventh import SEVENTH
 from tam_validation.blind.outside_sixth import SIXTH
 
@@ -24,7 +24,7 @@ def test_the_sets_share_no_name():
     assert tuple(OUTSIDE_SETS) == SETS and len(names) == len(set(names)) == len(CAUSES)
 
 
-@pytest.mark.parametrize("name", [*FIFTH, *SIXTH, *SEVENTH])
+@pytest.mark.parametrize("name", [*SIXTH, *SEVENTH, *EIGHTH])
 def test_every_cause_has_a_law_and_a_course(name):
     """Of those that there are."""
     right = LAWS[name]
@@ -32,7 +32,7 @@ def test_every_cause_has_a_law_and_a_course(name):
     assert set(right["law"]) <= KINDS_OF_LAW and set(right["course"]) <= COURSES
 
 
-@pytest.mark.parametrize("causes", [FIFTH, SIXTH, SEVENTH])
+@pytest.mark.parametrize("causes", [SIXTH, SEVENTH, EIGHTH])
 def test_every_law_is_in_a_set(causes):
     """Each is the usual one of some cause, and most courses are."""
     assert {LAWS[name]["law"][0] for name in causes} == KINDS_OF_LAW
@@ -46,21 +46,8 @@ def test_a_plan_draws_from_one_set(name):
     mixed = plan_cases(("mixed",), 120, 3, name)
     assert single == set(OUTSIDE_SETS[name]) and len(mixed) == 120
     beside = {plan.effects[1] for plan in mixed}
-    everywhere = {"moist_boards", "walking_operator", "arc_welder", "left_toolbox", "folding_arms", "viscous_hull"}
+    everywhere = {"left_toolbox", "folding_arms", "viscous_hull", "coiled_cable", "thrusters"}
     assert beside == single - everywhere - {"winch_drum", "scanning_multiplexer", "passing_boat"}
-
-
-def test_who_walks_around_yaws_along(draw):
-    """While the array is not tilted, the iron in the pockets stays at one place beside it."""
-    scene = draw(1)
-
-    def angles(time_s):
-        return np.outer(time_s, [0.3, 0, 0]) + np.outer(time_s > scene.duration_s / 2, [0, 0.5, 0])
-
-    turning = replace(scene, motion=ContinuousMotion("tumbling", angles))
-    vectors, _ = FIFTH["walking_operator"].draw(np.random.default_rng(1), turning).change(1.0, ())
-    level = scene.time_s < scene.duration_s / 2
-    assert np.ptp(vectors[level], axis=0).max() < 1e-6 * np.ptp(vectors, axis=0).max()
 
 
 def test_a_ramp_meets_large_values_late(draw):
@@ -272,3 +259,151 @@ def test_a_flipped_bit_is_a_power_of_two(change_of):
     np.testing.assert_allclose(bits, np.round(bits), atol=1e-9)
     words = np.floor(scene.readings_T[:, cause.sensors[0] - 1][struck] / np.abs(change[struck])) % 2
     assert set(words) == {0, 1} and ((words == 1) == (change[struck] < 0)).all()
+
+
+def test_a_hot_processor_is_late_by_steps(draw):
+    """All sensors that it serves by the same whole numbers of steps, and by more when it is hotter."""
+    scene = draw(1, motions=("diver",))
+    cause = EIGHTH["throttled_processor"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(1e-5, ())
+    served = [sensor - 1 for sensor in cause.sensors]
+    rate = (scene.readings_T - scene.readings_at(scene.time_s - 1e-5))[:, served]
+    steps = -(vectors[:, served] * rate).sum(axis=2) / (rate**2).sum(axis=2)
+    np.testing.assert_allclose(steps, np.repeat(np.round(steps[:, :1]), len(served), axis=1), atol=0.02)
+    air_C, slow = scene.temperature(scene.time_s), steps[:, 0] > 0.5
+    assert 0.05 < slow.mean() < 0.8 and air_C[slow].mean() > air_C[~slow].mean()
+    assert not np.delete(vectors, served, axis=1).any()
+
+
+def test_a_choke_is_magnetised_less_under_load(change_of):
+    """The same part of the field at the same current, and most of it without one."""
+    scene, cause, change = change_of("biased_choke", 1)
+    field, load_A = scene.field_T @ scene.response[cause.sensors[0] - 1].T, scene.current(scene.time_s)
+    tensors = []
+    for part in (load_A < np.quantile(load_A, 0.3), load_A > np.quantile(load_A, 0.7)):
+        tensor = np.linalg.lstsq(field[part], change[part], rcond=None)[0]
+        assert np.abs(change[part] - field[part] @ tensor).std() < 0.3 * change[part].std()
+        tensors.append(np.linalg.norm(tensor))
+    assert tensors[0] > 1.2 * tensors[1]
+
+
+def _halves(scene):
+    late = scene.time_s > scene.duration_s / 2
+    return ~late, late
+
+
+def test_a_coil_on_the_ground_does_not_turn_along(draw):
+    """At one attitude its field goes with the current; at another the same current makes another field."""
+    scene = draw(1)
+
+    def turned_once(time_s):
+        return np.outer(time_s > scene.duration_s / 2, [1.0, 0.5, 0.2])
+
+    turning = replace(scene, motion=ContinuousMotion("turntable", turned_once))
+    vectors, scalar = EIGHTH["coiled_cable"].draw(np.random.default_rng(1), turning).change(1.0, ())
+    load_A = scene.current(scene.time_s) - scene.current(scene.time_s).min()
+    loaded = load_A > load_A.max() / 2
+    made = [vectors[loaded & part] / load_A[loaded & part, None, None] for part in _halves(scene)]
+    assert all(np.ptp(one, axis=0).max() < 1e-6 * np.abs(one).max() for one in made) and scalar.any()
+    assert np.abs(made[0][0] - made[1][0]).max() > 0.1 * np.abs(made[0][0]).max()
+
+
+def test_thrusters_push_by_the_square_of_the_rate(draw):
+    """Twice the rate takes four times the current, the other way around the other sign."""
+    scene, slow = draw(1), []
+    for rate in (0.1, -0.1):
+
+        def faster_halfway(time_s, rate=rate):
+            return np.outer(rate * (time_s + np.maximum(time_s - scene.duration_s / 2, 0)), [1, 0, 0])
+
+        turning = replace(scene, motion=ContinuousMotion("tumbling", faster_halfway))
+        vectors, _ = EIGHTH["thrusters"].draw(np.random.default_rng(1), turning).change(1.0, ())
+        early, late = (vectors[part][5:-5].mean(axis=0) for part in _halves(scene))
+        np.testing.assert_allclose(late, 4 * early, rtol=1e-3)
+        slow.append(early)
+    np.testing.assert_allclose(slow[0], -slow[1], rtol=1e-3)
+
+
+def test_a_scalar_takes_the_stronger_of_two_cells(draw):
+    """It reads one light shift or the other, and changes between them as it is turned."""
+    scene = draw(1)
+    vectors, scalar = EIGHTH["paired_cells"].draw(np.random.default_rng(1), scene).change(1.0, ())
+    np.testing.assert_allclose(np.abs(scalar), 0.5e-9)
+    assert 0.1 < (scalar > 0).mean() < 0.9 and 0 < np.mean(np.diff(scalar) != 0) < 0.5 and not vectors.any()
+
+
+def test_unequal_signals_err_twice_a_fringe(change_of):
+    """The error depends on the reading alone, goes up and down with it several times, and about zero."""
+    scene, cause, change = change_of("unequal_quadrature", 2)
+    axis = "xyz".index(cause.axes[0])
+    error = change[:, axis][np.argsort(scene.readings_T[:, cause.sensors[0] - 1, axis])]
+    assert 4 < np.count_nonzero(np.diff(np.sign(error))) < 40
+    assert np.abs(np.diff(error)).mean() < 0.3 * np.ptp(error)
+
+
+def test_a_detector_is_late_one_way_only(draw):
+    """It reads what was there before where that was more, else what is there; or the other way around."""
+    scene = draw(2)
+    cause = EIGHTH["peak_detector"].draw(np.random.default_rng(2), scene)
+    vectors, _ = cause.change(1e-4, ())
+    sensor = cause.sensors[0] - 1
+    before = scene.readings_at(scene.time_s - 1e-4)[:, sensor] - scene.readings_T[:, sensor]
+    struck = vectors[:, sensor] != 0
+    np.testing.assert_allclose(vectors[:, sensor][struck], before[struck], atol=1e-18)
+    for axis in np.flatnonzero(struck.any(axis=0)):
+        assert len(set(np.sign(before[struck[:, axis], axis]))) == 1 and 0.2 < struck[:, axis].mean() < 0.8
+
+
+def test_a_restart_takes_a_matrix_and_offsets_away(change_of):
+    """One matrix and one offset while they are gone, nothing before."""
+    for seed in range(4):
+        scene, cause, change = change_of("lost_settings", seed)
+        gone = change.any(axis=1)
+        design = np.column_stack([scene.core(cause.sensors[0] - 1), np.ones(scene.sample_count)])[gone]
+        left = change[gone] - design @ np.linalg.lstsq(design, change[gone], rcond=None)[0]
+        assert np.abs(left).max() < 1e-9 * np.abs(change).max() and not gone[: int(0.2 * len(gone))].any()
+        assert np.count_nonzero(np.diff(gone)) in {1, 2}
+
+
+def test_a_regulator_grows_louder(draw):
+    """All sensors that it feeds hear the same noise, each along a direction of its own."""
+    scene = draw(1, samples=2000)
+    cause = EIGHTH["tired_regulator"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(1.0, ())
+    heard = vectors[:, [sensor - 1 for sensor in cause.sensors]].reshape(scene.sample_count, -1)
+    parts = [part.std() for part in np.array_split(heard, 3)]
+    assert parts[0] < parts[1] < parts[2] and parts[2] > 2 * parts[0]
+    assert np.linalg.matrix_rank(heard, 1e-6 * np.linalg.norm(heard)) == 1
+    assert not np.delete(vectors, [sensor - 1 for sensor in cause.sensors], axis=1).any()
+
+
+def test_blades_make_one_tone(draw):
+    """While the array rests there is one tone, at twice the rate of the blades."""
+    scene = draw(1, samples=1000)
+    still = replace(scene, motion=ContinuousMotion("turntable", lambda time_s: np.zeros((len(time_s), 3)) + 0.3))
+    cause = EIGHTH["iron_propeller"].draw(np.random.default_rng(1), still)
+    vectors, _ = cause.change(1.0, ())
+    change = vectors[:, cause.sensors[0] - 1]
+    power = (np.abs(np.fft.rfft(change - change.mean(axis=0), axis=0)) ** 2).sum(axis=1)
+    peak = power.argmax()
+    assert power[peak - 5 : peak + 6].sum() > 0.95 * power.sum() and 0.05 < peak / 1000 < 0.42
+
+
+def test_a_radio_pushes_while_it_is_keyed(draw):
+    """The same sensors each time, by something else in each call, and by nothing between the calls."""
+    scene = draw(1)
+    cause = EIGHTH["keyed_radio"].draw(np.random.default_rng(1), scene)
+    vectors, scalar = cause.change(1.0, ())
+    reached = vectors[:, [sensor - 1 for sensor in cause.sensors]]
+    keyed = reached.any(axis=2)
+    assert (keyed == keyed[:, :1]).all() and 0.1 < keyed.mean() < 0.9 and not scalar.any()
+    assert 4 <= len(np.unique(reached[keyed[:, 0]].reshape(keyed[:, 0].sum(), -1), axis=0)) <= cause.parameters["calls"]
+
+
+def test_what_has_not_settled_lies_between_two_axes(change_of):
+    """A few readings hold a part of the axis before, none of them more than all of it."""
+    scene, cause, change = change_of("early_interrupt", 1, samples=2000)
+    reading = scene.readings_T[:, cause.sensors[0] - 1]
+    part = to_nanotesla(change) * scene.intensity_T.mean() / (reading[:, [2, 0, 1]] - reading)
+    struck = part > 1e-9
+    assert 0 < struck.any(axis=1).mean() < 0.1 and part[struck].min() > 0.29 and part.max() < 1.01
