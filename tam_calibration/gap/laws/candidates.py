@@ -15,12 +15,19 @@ from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
 
-def candidates(residual: Residual) -> list[Candidate]:
-    """Return all laws tried on a residual, the best first."""
+def candidates(residual: Residual, has_free: bool = True) -> list[Candidate]:
+    """Return all laws tried on a residual, the best first.
+
+    Parameters
+    ----------
+    residual : Residual
+    has_free : bool
+        Whether with free functions of time and of the own reading; of those in time steps are always tried.
+    """
     found: list[Candidate] = []
     near, bins = nearest(residual), Bins.of_time(residual.time_s)
     for place in near:
-        found += _in_place(residual, place, bins)
+        found += _in_place(residual, place, bins, has_free)
     found += [next(_steady(residual, one)) for one in patterns.everywhere(residual)]
     if len(near) > 2:
         found += [next(_steady(residual, one)) for one in patterns.bent_everywhere(residual)]
@@ -53,19 +60,20 @@ def held(residual: Residual, place: int | str) -> float:
     return float((score * solved[:, :, :1]).sum() - residual.noise * free)
 
 
-def _in_place(residual: Residual, place: int | str, bins: Bins) -> Iterator[Candidate]:
+def _in_place(residual: Residual, place: int | str, bins: Bins, has_free: bool) -> Iterator[Candidate]:
     """Yield the candidates of one place."""
     if place == "scalar":
         own = list(patterns.in_scalar(residual))
     else:
         own = list(patterns.in_sensor(residual, int(place)))
-        yield from _over_reading(residual, int(place))
+        if has_free:
+            yield from _over_reading(residual, int(place))
     for pattern in patterns.of_motion(residual, place):
         yield from _steady(residual, pattern)
     for pattern in own:
         if pattern.law == "rate":
             yield from _steady(residual, pattern)
-        yield from _in_time(residual, pattern, bins)
+        yield from _in_time(residual, pattern, bins, LENGTHS if has_free else ())
         yield from _following(residual, pattern)
         if pattern.law == "offset":
             yield from (tone for part, _ in pattern.parts() for tone in _tones(residual, [part]))
@@ -90,14 +98,14 @@ def _sizes(residual: Residual) -> FloatArray:
     return np.asarray(np.array([0.1, 1.0, 5.0]) * whole)
 
 
-def _in_time(residual: Residual, pattern: Pattern, bins: Bins) -> Iterator[Candidate]:
-    """Yield courses in time of a pattern and its parts: steps, slow ones, and fast ones."""
+def _in_time(residual: Residual, pattern: Pattern, bins: Bins, lengths: Sequence[float]) -> Iterator[Candidate]:
+    """Yield courses in time of a pattern and its parts: steps, and free ones of some correlation lengths."""
     every, size = pattern.sums(residual, bins), pattern.size(residual)
     whole, variances = float(np.ptp(residual.time_s)), _sizes(residual)
     for part, columns in pattern.parts():
         sums = every if part is pattern else every.part(columns, size / part.size(residual))
         coarse, best = sums.merged(COARSE), -np.inf
-        for length in LENGTHS:
+        for length in lengths:
             fit = course(coarse if length >= LENGTHS[1] else sums, length * whole, variances)
             if fit.evidence < best - TIE and length < SLOW:
                 break

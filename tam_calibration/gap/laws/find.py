@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
-from tam_calibration.gap.laws.evidence import Bins
+from tam_calibration.gap.laws.evidence import Bins, Normal
 from tam_calibration.gap.laws.law import SCALAR, Course, Place
 from tam_calibration.gap.laws.patterns import Candidate, changed_own_field, switched_gains
 from tam_calibration.gap.laws.sensors import in_its_sensors
@@ -156,28 +156,41 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
     """
     found: list[Found] = []
     again = repeats(residual.pose) or near_repeats(residual)
-    for _ in range(3):
-        if residual.excess < 2 * np.sqrt(2.0 * residual.size) and found:
-            break
+    while len(found) < 3 and not (found and residual.excess < 2 * np.sqrt(2.0 * residual.size)):
         error = TOLERANCE**2 * max(residual.excess, 0.0) / residual.size
-        factor = float(np.sqrt(max(1 + error, residual.white)))
-        scaled = residual.scaled(factor)
-        tried = candidates(scaled)
-        tried = sorted([*tried, *_refined(scaled, tried)], key=lambda one: -one.evidence)
-        tried = _in_question(scaled, tried, again)
-        accepted = next(_accepted(scaled, tried), None)
-        if accepted is None:
+        scaled = residual.scaled(float(np.sqrt(max(1 + error, residual.white))))
+        least = LEAST_SHARE * max(whole, residual.excess, 1.0) if found else 0.0
+        new = [one for one in _strongest(scaled, again) if one.predicted >= least]
+        if not new:
             break
-        best, predicted = accepted
-        shared = in_its_sensors(scaled, best)
-        if shared is not best:
-            predicted = predicted_energy(_halves(scaled), shared)
-        predicted *= factor**2
-        if found and predicted < LEAST_SHARE * max(whole, residual.excess, 1.0):
-            break
-        found.append(Found(best, predicted, tuple(tried), scaled, shared))
-        residual = residual.without(found[-1].signal(scaled, scaled))
+        found += new
+        residual = residual.without(np.sum([one.signal(scaled, one.residual) for one in new], axis=0))
     return found, residual
+
+
+def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
+    """Return the strongest law of a residual, or two that explain more together; none where none predicts."""
+    every = candidates(residual)
+    every = sorted([*every, *_refined(residual, every)], key=lambda one: -one.evidence)
+    tried = _in_question(residual, every, again)
+    best = next(_accepted(residual, tried), None)
+    if best is None:
+        return []
+    two = _two(residual, [one for one in every if not _is_of_pose(residual, one, again)], best)
+    if two is None:
+        return [_in_its_sensors(best, tried, residual)]
+    first, second = two
+    beside = residual
+    for _ in range(3):  # each is fitted beside the other
+        rest = residual.without(first.signal(residual, beside))
+        beside = residual.without(second.signal(residual, rest))
+    return [_in_its_sensors(first, [first], beside), _in_its_sensors(second, [second], rest)]
+
+
+def _in_its_sensors(best: Candidate, tried: list[Candidate], residual: Residual) -> Found:
+    shared = in_its_sensors(residual, best)
+    predicted = predicted_energy(_halves(residual), shared) / residual.noise
+    return Found(best, predicted, tuple(tried), residual, shared)
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
@@ -223,23 +236,73 @@ def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | No
     for one in tried:
         if len(kept) >= MOST_TRIED and one.evidence < _least_beside(kept[MOST_TRIED - 1], is_same_law=True):
             break
-        if again is None or not _is_of_pose(residual, one, again):
+        if not _is_of_pose(residual, one, again):
             kept.append(one)
     return kept
 
 
-def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
-    """Yield laws that predict, the simplest of those with about the most evidence first, with the energy predicted."""
+def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
+    """Yield laws that predict, the simplest of those with about the most evidence first."""
     leading = [one for one in tried[:MOST_TRIED] if one.evidence >= LEAST_EVIDENCE]
     if not leading:
         return
     halves = _halves(residual)
     for first in leading:
-        simpler = [one for one in tried if one is first or _is_as_good_and_simpler(one, first)]
-        best = _of_fewest_axes(min(simpler, key=lambda one: (_freedom(one), -one.evidence)), tried)
-        predicted = predicted_energy(halves, best)
-        if predicted > LEAST_EVIDENCE:
-            yield best, predicted
+        best = _simplest(first, tried)
+        if predicted_energy(halves, best) > LEAST_EVIDENCE:
+            yield best
+
+
+def _simplest(first: Candidate, tried: list[Candidate]) -> Candidate:
+    """Return the simplest of the laws that have about the evidence of one."""
+    simpler = [one for one in tried if one is first or _is_as_good_and_simpler(one, first)]
+    return _of_fewest_axes(min(simpler, key=lambda one: (_freedom(one), -one.evidence)), tried)
+
+
+def _two(residual: Residual, tried: list[Candidate], free: Candidate) -> tuple[Candidate, Candidate] | None:
+    """Return two laws that explain together more than one of a free course, which imitates their sum; else None.
+
+    Parameters
+    ----------
+    residual : Residual
+    tried : list of Candidate
+        The best first.
+    free : Candidate
+        The law that may be the sum of two.
+    """
+    strongest: dict[str, Candidate] = {}
+    for one in tried if free.course in ("slow", "random") else ():
+        if _is_simple(one) and one.evidence >= LEAST_EVIDENCE:
+            strongest.setdefault(one.pattern.law, one)
+    pairs = [(one, _beside(residual, one)) for one in list(strongest.values())[:2]]
+    if not pairs:
+        return None
+    _, second = max(pairs, key=lambda pair: _together(residual, *pair))
+    first = _beside(residual, second)
+    return (first, second) if _together(residual, first, second) > free.evidence + TIE else None
+
+
+def _beside(residual: Residual, law: Candidate) -> Candidate:
+    """Return the best simple law beside another one."""
+    rest = residual.without(law.signal(residual, residual))
+    tried = [one for one in candidates(rest, has_free=False) if _is_simple(one)]
+    return _simplest(tried[0], tried)
+
+
+def _is_simple(one: Candidate) -> bool:
+    """Say whether a law has constant coefficients, or steps a few times."""
+    return one.bins is None or one.course == "step"
+
+
+def _together(residual: Residual, first: Candidate, second: Candidate) -> float:
+    """Return the evidence of two laws that are fitted together."""
+    rows = np.union1d(first.pattern.rows, second.pattern.rows)
+    parts = []
+    for one in (first, second):
+        own = one.features(residual)
+        parts.append(np.zeros((residual.count, len(rows), own.shape[2])))
+        parts[-1][:, np.searchsorted(rows, one.pattern.rows)] = own
+    return Normal.of(np.concatenate(parts, axis=2), *residual.of_rows(rows)).fit().evidence
 
 
 def _of_fewest_axes(best: Candidate, tried: list[Candidate]) -> Candidate:
@@ -252,11 +315,10 @@ def _form(one: Candidate) -> tuple[str, str, Place, str | None]:
     return one.pattern.law, one.course, one.pattern.sensors, one.pattern.follows
 
 
-def _is_of_pose(residual: Residual, one: Candidate, again: Repeats) -> bool:
+def _is_of_pose(residual: Residual, one: Candidate, again: Repeats | None) -> bool:
     """Say whether a course in time is the same at every pose that is taken up again."""
-    if one.course not in ("step", "episodes", "slow", "random", "tone") or one.evidence < LEAST_EVIDENCE:
-        return False
-    return again.are_same(one.signal(residual, residual))
+    is_in_time = one.course in ("step", "episodes", "slow", "random", "tone") and one.evidence >= LEAST_EVIDENCE
+    return again is not None and is_in_time and again.are_same(one.signal(residual, residual))
 
 
 def _is_as_good_and_simpler(one: Candidate, first: Candidate) -> bool:
