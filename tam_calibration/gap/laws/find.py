@@ -17,6 +17,8 @@ from tam_calibration.gap.laws.states import jumping, sharpened, steps
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
+Halves = tuple[Residual, Residual]
+
 
 @dataclass(frozen=True, eq=False)
 class Repeats:
@@ -172,25 +174,25 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
     """Return the strongest law of a residual, or two that explain more together; none where none predicts."""
     every = candidates(residual)
     every = sorted([*every, *_refined(residual, every)], key=lambda one: -one.evidence)
-    tried = _in_question(residual, every, again)
-    best = next(_accepted(residual, tried), None)
+    tried, halves = _in_question(residual, every, again), _halves(residual)
+    best = next(_accepted(halves, tried), None)
     if best is None:
         return []
-    two = _two(residual, [one for one in every if not _is_of_pose(residual, one, again)], best)
+    two = _two(residual, every, best, again)
     if two is None:
-        return [_in_its_sensors(best, tried, residual)]
+        return [_in_its_sensors(best, tried, residual, halves)]
     first, second = two
     beside = residual
     for _ in range(3):  # each is fitted beside the other
         rest = residual.without(first.signal(residual, beside))
         beside = residual.without(second.signal(residual, rest))
-    return [_in_its_sensors(first, [first], beside), _in_its_sensors(second, [second], rest)]
+    return [_in_its_sensors(first, [first], beside, halves), _in_its_sensors(second, [second], rest, halves)]
 
 
-def _in_its_sensors(best: Candidate, tried: list[Candidate], residual: Residual) -> Found:
+def _in_its_sensors(best: Candidate, tried: list[Candidate], residual: Residual, halves: Halves) -> Found:
     shared = in_its_sensors(residual, best)
-    predicted = predicted_energy(_halves(residual), shared) / residual.noise
-    return Found(best, predicted, tuple(tried), residual, shared)
+    own = (halves[0].of(residual), halves[1].of(residual))
+    return Found(best, predicted_energy(own, shared) / residual.noise, tuple(tried), residual, shared)
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
@@ -241,13 +243,11 @@ def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | No
     return kept
 
 
-def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
+def _accepted(halves: Halves, tried: list[Candidate]) -> Iterator[Candidate]:
     """Yield laws that predict, the simplest of those with about the most evidence first."""
-    leading = [one for one in tried[:MOST_TRIED] if one.evidence >= LEAST_EVIDENCE]
-    if not leading:
-        return
-    halves = _halves(residual)
-    for first in leading:
+    for first in tried[:MOST_TRIED]:
+        if first.evidence < LEAST_EVIDENCE:
+            break
         best = _simplest(first, tried)
         if predicted_energy(halves, best) > LEAST_EVIDENCE:
             yield best
@@ -259,7 +259,9 @@ def _simplest(first: Candidate, tried: list[Candidate]) -> Candidate:
     return _of_fewest_axes(min(simpler, key=lambda one: (_freedom(one), -one.evidence)), tried)
 
 
-def _two(residual: Residual, tried: list[Candidate], free: Candidate) -> tuple[Candidate, Candidate] | None:
+def _two(
+    residual: Residual, tried: list[Candidate], free: Candidate, again: Repeats | None
+) -> tuple[Candidate, Candidate] | None:
     """Return two laws that explain together more than one of a free course, which imitates their sum; else None.
 
     Parameters
@@ -269,17 +271,21 @@ def _two(residual: Residual, tried: list[Candidate], free: Candidate) -> tuple[C
         The best first.
     free : Candidate
         The law that may be the sum of two.
+    again : Repeats, optional
     """
-    strongest: dict[str, Candidate] = {}
-    for one in tried if free.course in ("slow", "random") else ():
-        if _is_simple(one) and one.evidence >= LEAST_EVIDENCE:
-            strongest.setdefault(one.pattern.law, one)
-    pairs = [(one, _beside(residual, one)) for one in list(strongest.values())[:2]]
-    if not pairs:
+    if free.course not in ("slow", "random"):
         return None
-    _, second = max(pairs, key=lambda pair: _together(residual, *pair))
-    first = _beside(residual, second)
-    return (first, second) if _together(residual, first, second) > free.evidence + TIE else None
+    # The stronger of two has about half of their evidence at least.
+    simple = (one for one in tried if _is_simple(one) and one.evidence > (MOST - MINOR) * free.evidence)
+    strongest: dict[str, Candidate] = {}
+    for one in simple:
+        if one.pattern.law not in strongest and not _is_of_pose(residual, one, again):
+            strongest[one.pattern.law] = one
+    for one in list(strongest.values())[:2]:
+        second = _beside(residual, one)
+        if _together(residual, one, second) > free.evidence + TIE:
+            return _beside(residual, second), second
+    return None
 
 
 def _beside(residual: Residual, law: Candidate) -> Candidate:
@@ -340,7 +346,7 @@ def _freedom(one: Candidate) -> float:
     return FREEDOM[one.course] + FREEDOM[one.pattern.law] + (len(one.pattern.sensors) > 1)
 
 
-def _halves(residual: Residual) -> tuple[Residual, Residual]:
+def _halves(residual: Residual) -> Halves:
     """Return each half of the samples.
 
     Most neighbours are in different halves, but not at a regular pace, at which a tone would look constant.
@@ -348,7 +354,7 @@ def _halves(residual: Residual) -> tuple[Residual, Residual]:
     return residual.parted(np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5)
 
 
-def predicted_energy(halves: tuple[Residual, Residual], law: Candidate) -> float:
+def predicted_energy(halves: Halves, law: Candidate) -> float:
     """Return the energy of each half of the samples that a law fitted to the other half predicts."""
     fallen = 0.0
     for training, rest in (halves, halves[::-1]):
