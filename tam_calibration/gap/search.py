@@ -264,20 +264,14 @@ class _CauseSearch:
         self._tell("laws", 0.0)
         whole = residual_of(self._nominal)
         self._gap = whole.excess
-        laws = remaining = self._laws_of(whole)
-        explained, unexplained = set[_Key](), set[_Key]()
-        while len(self._steps) < MOST_CAUSES:
-            law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
-            if law is None:
-                break
-            left = self._explain(law, [one for one in remaining if one is not law])
-            if left is None:
-                unexplained.add(_key(law))
-                self._open += [law] if law.found else []
-                continue
-            explained.add(_key(law))
-            self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
-            remaining = tuple(one for one in self._laws_of(left) if _key(one) not in explained)
+        laws = self._laws_of(whole)
+        remaining = self._explain_all(laws, set())
+        two = {_key(one) for one in laws if any(found.is_of_two for found in one.found)}
+        still_there = two & {_key(one) for one in remaining}
+        if still_there and two != still_there:
+            # Two laws may stand for another one, unless both have a cause.
+            self._steps, self._model, self._open = [], self._nominal, []
+            remaining = self._explain_all(laws, two)
         return Search(
             self._nominal,
             self._model,
@@ -287,6 +281,23 @@ class _CauseSearch:
             tuple(self._offers.weighed.values()),
             self._offers.considered(laws),
         )
+
+    def _explain_all(self, laws: tuple[Law, ...], unexplained: "set[_Key]") -> tuple[Law, ...]:
+        """Explain laws but for some, and those of what is left; return the laws that remain."""
+        remaining, explained = laws, set[_Key]()
+        while len(self._steps) < MOST_CAUSES:
+            law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
+            if law is None:
+                break
+            left = self._explain(law, [one for one in remaining if one is not law])
+            if left is None:
+                unexplained = unexplained | {_key(law)}
+                self._open += [law] if law.found else []
+                continue
+            explained.add(_key(law))
+            self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
+            remaining = tuple(one for one in self._laws_of(left) if _key(one) not in explained)
+        return remaining
 
     def _laws_of(self, residual: Residual) -> tuple[Law, ...]:
         """Return the laws of what a model leaves; a second time as they were found before."""

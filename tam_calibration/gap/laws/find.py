@@ -1,7 +1,7 @@
 """The search for the laws of a gap: the one of most evidence, then those of what it leaves."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,8 @@ class Found:
         In which it was found.
     shared : Candidate
         The law in all sensors in which it is, with its course; the best one where it is in those alone.
+    is_of_two : bool
+        Whether it explains with another one more than one law of a free course.
     """
 
     best: Candidate
@@ -120,6 +122,7 @@ class Found:
     others: tuple[Candidate, ...]
     residual: Residual
     shared: Candidate
+    is_of_two: bool = False
 
     def left_in(self, residual: Residual) -> float:
         """Return the energy, in units of the noise, that the same law fitted anew predicts of another residual.
@@ -186,7 +189,8 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
     for _ in range(3):  # each is fitted beside the other
         rest = residual.without(first.signal(residual, beside))
         beside = residual.without(second.signal(residual, rest))
-    return [_in_its_sensors(first, [first], beside, halves), _in_its_sensors(second, [second], rest, halves)]
+    pair = ((first, beside), (second, rest))
+    return [replace(_in_its_sensors(one, [one], left, halves), is_of_two=True) for one, left in pair]
 
 
 def _in_its_sensors(best: Candidate, tried: list[Candidate], residual: Residual, halves: Halves) -> Found:
