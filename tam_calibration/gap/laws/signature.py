@@ -259,12 +259,14 @@ def _places(found: Found) -> tuple[Place, ...]:
 
 
 def _merged(laws: list[Law]) -> list[Law]:
-    """Return the laws with those of the same sensors, or that follow the same, as one."""
+    """Return the laws with those of the same sensors, or that follow the same with the same lag, as one."""
     merged: dict[tuple[object, ...], Law] = {}
     for law in laws:
         one = law.signature
+        drives = [found.best.pattern.drive for found in law.found if one.course == "channel"]
+        lag = tuple(drive.tobytes() for drive in drives if drive is not None)
         follows_one = one.course in ("channel", "motion", "constant")
-        key = one.law, one.course, one.follows, () if follows_one else one.sensors
+        key = one.law, one.course, one.follows, lag if follows_one else one.sensors
         merged[key] = _joined(merged[key], law) if key in merged else law
     return list(merged.values())
 
