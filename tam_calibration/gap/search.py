@@ -267,8 +267,8 @@ class _CauseSearch:
         laws = self._laws_of(whole)
         remaining = self._explain_all(laws, set())
         two = {_key(one) for one in laws if any(found.is_of_two for found in one.found)}
-        still_there = two & {_key(one) for one in remaining}
-        if still_there and two != still_there:
+        without_cause = two & {_key(one) for one in self._open} & {_key(one) for one in remaining}
+        if without_cause and two != without_cause:
             # Two laws may stand for another one, unless both have a cause.
             self._steps, self._model, self._open = [], self._nominal, []
             remaining = self._explain_all(laws, two)

@@ -114,6 +114,36 @@ def test_a_drift_of_the_scalar_is_named_where_poses_are_taken_up_again(run):
     assert [(one.fitted.effect, one.sensors) for one in gap.causes] == [("geomagnetic_drift", ("scalar",))]
 
 
+def beside_a_jump(made, disturbance_T, size_T):
+    """Return a run with a disturbance (N, 3) of the third sensor, whose offsets jump too."""
+    jump_T = size_T * np.outer(made.recording.time_s > 22, [1, -0.7, 0.5])
+    for axis, added in enumerate((disturbance_T + jump_T).T):
+        made = made.with_row(6 + axis, added)
+    return made
+
+
+def test_two_causes_in_one_sensor_are_named(run):
+    """A jump beside a delay; a gain of any course would explain nearly as much."""
+    clean = run(600)
+    sensed_T = clean.recording.readings_T[:, 2] - clean.errors.bias_T[2]
+    late_T = -2e-4 * np.gradient(sensed_T, clean.recording.time_s, axis=0)
+    made = beside_a_jump(clean, late_T, 15e-9)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {(one.fitted.effect, one.sensors) for one in gap.causes} == {("bias_jump", (3,)), ("time_skew", (3,))}
+
+
+def test_neither_of_two_laws_has_a_cause_where_one_has_none(run):
+    """The two may stand for a law that is neither: a jump beside products of the field's components is not named."""
+    clean = run(600)
+    field = clean.errors.restore(clean.recording.readings_T).mean(axis=1)
+    x, y, z = field.T / np.linalg.norm(field, axis=1)
+    made = beside_a_jump(clean, 20e-9 * np.column_stack([x * y, y * z, x * z]), 10e-9)
+    gap = diagnose(made.recording, made.array)
+    assert {(law.law, law.sensors) for law in gap.signature} == {("offset", (3,)), ("attitude", (3,))}
+    assert (gap.verdict, gap.causes) == ("unexplained", ())
+
+
 def test_spikes_of_one_axis_are_in_that_one(run):
     """Also where a single reading of another sensor is far off."""
     spikes, other = np.zeros((2, SAMPLES))

@@ -75,6 +75,20 @@ def test_a_delay(run):
     assert (first.law, first.course, first.sensors) == ("rate", "constant", (3,))
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_step_beside_a_delay_is_no_gain_that_drifts(run, seed):
+    """A free course of a gain imitates the sum of two laws of one sensor, which explain more together."""
+    clean = run(samples=600, seed=seed)
+    sensed, time_s = clean.recording.readings_T[:, 2] - clean.errors.bias_T[2], clean.recording.time_s
+    added = np.zeros((600, clean.row_count))
+    added[:, 6:9] = 5e-9 * np.outer(time_s > 22, [1, -0.7, 0.5]) - 2e-4 * np.gradient(sensed, time_s, axis=0)
+    laws = signature(clean.with_added(added))
+    assert [(law.law, law.course, law.sensors) for law in laws] == [
+        ("rate", "constant", (3,)),
+        ("offset", "step", (3,)),
+    ]
+
+
 def test_a_curved_axis(run):
     """A cubic of an axis' own reading is a law of that reading."""
     clean = run(samples=300)
