@@ -148,11 +148,8 @@ class PossibleCause:
 
     def acts_at(self, place: Place) -> bool:
         """Say whether it acts at a place."""
-        return not self.sensors or _kind(place) in self.sensors
-
-
-def _kind(place: Place) -> str:
-    return "scalar" if place == ("scalar",) else "one" if len(place) == 1 else "several"
+        kind = "scalar" if place == SCALAR else "one" if len(place) == 1 else "several"
+        return not self.sensors or kind in self.sensors
 
 
 def _read() -> tuple[PossibleCause, ...]:

@@ -64,7 +64,8 @@ class Pattern:
             return np.asarray((eye[:, :, None] * self.shifts[:, :, None]).reshape(len(self.shifts), len(self.rows), -1))
         if self.shifts.ndim == 3:
             return self.shifts
-        return _each(self.shifts, np.eye(len(self.rows)) if self.matrix is None else self.matrix)
+        matrix = np.eye(len(self.rows)) if self.matrix is None else self.matrix
+        return np.asarray(np.einsum("rs,nf->nrsf", matrix, self.shifts).reshape(len(self.shifts), len(matrix), -1))
 
     @property
     def width(self) -> int:
@@ -124,11 +125,6 @@ class Pattern:
 def sensor_rows(sensor: int) -> NDArray[np.intp]:
     """Return the rows of a sensor, counted from 1."""
     return 3 * (sensor - 1) + np.arange(3)
-
-
-def _each(values: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Return features (N, r, s f) of rows that are a matrix (r, s) times shifts with coefficients of their own."""
-    return np.asarray(np.einsum("rs,nf->nrsf", matrix, values).reshape(len(values), len(matrix), -1))
 
 
 def _whole(law: str, sensor: int, shifts: FloatArray, follows: str | None = None) -> Pattern:
@@ -194,10 +190,11 @@ def in_every_sensor(residual: Residual, law: "Candidate") -> Pattern | None:
 
 def functions_of_readings(residual: Residual, rows: Sequence[int], has_line: bool) -> FloatArray:
     """Return functions (N, r, F) of what axes sense, with those that offsets and gains are or without."""
-    parts = [_own_functions(residual, row) for row in rows]
+    sensed = residual.sensed.T
+    parts = [residual.once(f"functions of row {row}", partial(_curves_and_loops, sensed[row])) for row in rows]
     if has_line:
         one = np.ones(residual.count)
-        parts = [np.column_stack([one, residual.sensed[:, row], part]) for row, part in zip(rows, parts, strict=True)]
+        parts = [np.column_stack([one, sensed[row], part]) for row, part in zip(rows, parts, strict=True)]
     return np.stack(parts, axis=1)
 
 
@@ -267,12 +264,8 @@ def _beyond(residual: Residual, row: int) -> FloatArray:
     return np.column_stack([np.maximum(field - reading.max(), 0), np.minimum(field - reading.min(), 0)])
 
 
-def _own_functions(residual: Residual, row: int) -> FloatArray:
-    """Return curves and loops (N, F) of what an axis senses, standardised."""
-    return residual.once(f"functions of row {row}", lambda: _curves_and_loops(residual.sensed[:, row]))
-
-
 def _curves_and_loops(reading: FloatArray) -> FloatArray:
+    """Return curves and loops (N, F) of what an axis senses, standardised."""
     half = max((reading.max() - reading.min()) / 2, 1e-12)
     x = (reading - (reading.max() + reading.min()) / 2) / half
     # Half-widths of loops, as parts of the half range: narrow to wide.
