@@ -7,7 +7,7 @@ from math import log
 
 import numpy as np
 
-from tam_calibration.effects.effect import Finding
+from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.single_samples import A_DOZEN
@@ -119,13 +119,17 @@ def is_new(candidate: Evidence, steps: Sequence[Step], base: Base) -> bool:
     covariates = base.channels.covariates
     others = [one.form for one in there if isinstance(one.form, Hypothesis)]
     if any(
-        form.effect.is_within(other.effect.name)
-        or other.effect.is_within(form.effect.name)
+        _is_nested(form.effect, other.effect)
         or (form.effect.name == other.effect.name and form.effect.is_same(form.shape, other.shape, covariates))
         for other in others
     ):
         return False
     return not form.effect.is_step or _changes([form, *others], covariates.step_s) <= MOST_STEPS
+
+
+def _is_nested(one: LinearEffect, other: LinearEffect) -> bool:
+    """Whether one of two is a special case of the other."""
+    return one.is_within(other.name) or other.is_within(one.name)
 
 
 def _are_many(causes: Sequence[Evidence]) -> bool:
