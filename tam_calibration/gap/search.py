@@ -266,10 +266,12 @@ class _CauseSearch:
         self._gap = whole.excess
         laws = self._laws_of(whole)
         remaining = self._explain_all(laws, set())
-        two = {_key(one) for one in laws if any(found.is_of_two for found in one.found)}
+        pair = [one for one in laws if any(found.is_of_two for found in one.found)]
+        is_in_one_place = all(set(one.signature.sensors) & set(pair[0].signature.sensors) for one in pair)
+        two = {_key(one) for one in pair if is_in_one_place}
         without_cause = two & {_key(one) for one in self._open} & {_key(one) for one in remaining}
         if without_cause and two != without_cause:
-            # Two laws may stand for another one, unless both have a cause.
+            # Two laws of a sensor may stand for another one, unless both have a cause.
             self._steps, self._model, self._open = [], self._nominal, []
             remaining = self._explain_all(laws, two)
         return Search(
