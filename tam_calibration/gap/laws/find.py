@@ -17,8 +17,6 @@ from tam_calibration.gap.laws.states import jumping, sharpened, steps
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
-Halves = tuple[Residual, Residual]
-
 
 @dataclass(frozen=True, eq=False)
 class Repeats:
@@ -177,26 +175,31 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
     """Return the strongest law of a residual, or two that explain more together; none where none predicts."""
     every = candidates(residual)
     every = sorted([*every, *_refined(residual, every)], key=lambda one: -one.evidence)
-    tried, halves = _in_question(residual, every, again), _halves(residual)
-    best = next(_accepted(halves, tried), None)
-    if best is None:
+    tried = _in_question(residual, every, again)
+    accepted = next(_accepted(residual, tried), None)
+    if accepted is None:
         return []
+    best, predicted = accepted
     two = _two(residual, every, best, again)
     if two is None:
-        return [_in_its_sensors(best, tried, residual, halves)]
+        return [_in_its_sensors(best, tried, residual, predicted)]
     first, second = two
     beside = residual
     for _ in range(3):  # each is fitted beside the other
         rest = residual.without(first.signal(residual, beside))
         beside = residual.without(second.signal(residual, rest))
     pair = ((first, beside), (second, rest))
-    return [replace(_in_its_sensors(one, [one], left, halves), is_of_two=True) for one, left in pair]
+    return [replace(_in_its_sensors(one, [one], left), is_of_two=True) for one, left in pair]
 
 
-def _in_its_sensors(best: Candidate, tried: list[Candidate], residual: Residual, halves: Halves) -> Found:
+def _in_its_sensors(
+    best: Candidate, tried: list[Candidate], residual: Residual, predicted: float | None = None
+) -> Found:
+    """Return a law in all sensors in which it is; the energy that it predicts as found is known or not."""
     shared = in_its_sensors(residual, best)
-    own = (halves[0].of(residual), halves[1].of(residual))
-    return Found(best, predicted_energy(own, shared) / residual.noise, tuple(tried), residual, shared)
+    if predicted is None or shared is not best:
+        predicted = predicted_energy(_halves(residual), shared)
+    return Found(best, predicted / residual.noise, tuple(tried), residual, shared)
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
@@ -247,14 +250,17 @@ def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | No
     return kept
 
 
-def _accepted(halves: Halves, tried: list[Candidate]) -> Iterator[Candidate]:
-    """Yield laws that predict, the simplest of those with about the most evidence first."""
-    for first in tried[:MOST_TRIED]:
-        if first.evidence < LEAST_EVIDENCE:
-            break
+def _accepted(residual: Residual, tried: list[Candidate]) -> Iterator[tuple[Candidate, float]]:
+    """Yield laws that predict, the simplest of those with about the most evidence first, with the energy predicted."""
+    leading = [one for one in tried[:MOST_TRIED] if one.evidence >= LEAST_EVIDENCE]
+    if not leading:
+        return
+    halves = _halves(residual)
+    for first in leading:
         best = _simplest(first, tried)
-        if predicted_energy(halves, best) > LEAST_EVIDENCE:
-            yield best
+        predicted = predicted_energy(halves, best)
+        if predicted > LEAST_EVIDENCE:
+            yield best, predicted
 
 
 def _simplest(first: Candidate, tried: list[Candidate]) -> Candidate:
@@ -350,7 +356,7 @@ def _freedom(one: Candidate) -> float:
     return FREEDOM[one.course] + FREEDOM[one.pattern.law] + (len(one.pattern.sensors) > 1)
 
 
-def _halves(residual: Residual) -> Halves:
+def _halves(residual: Residual) -> tuple[Residual, Residual]:
     """Return each half of the samples.
 
     Most neighbours are in different halves, but not at a regular pace, at which a tone would look constant.
@@ -358,7 +364,7 @@ def _halves(residual: Residual) -> Halves:
     return residual.parted(np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5)
 
 
-def predicted_energy(halves: Halves, law: Candidate) -> float:
+def predicted_energy(halves: tuple[Residual, Residual], law: Candidate) -> float:
     """Return the energy of each half of the samples that a law fitted to the other half predicts."""
     fallen = 0.0
     for training, rest in (halves, halves[::-1]):

@@ -191,10 +191,6 @@ class Residual:
         z, response = _perpendicular(self.z * keep, nuisance), self.response * keep[:, :, None]
         return replace(self, z=z, response=response, nuisance=nuisance, live=self.live & chosen)
 
-    def of(self, other: "Residual") -> "Residual":
-        """Return the same part of another residual of the model, in the same units."""
-        return replace(self, z=_perpendicular(other.z * self.live[:, None], self.nuisance))
-
     def scaled(self, factor: float) -> "Residual":
         """Return the residual in units of a noise that is larger by a factor."""
         return replace(self, z=self.z / factor, response=self.response / factor, noise=self.noise / factor**2)
