@@ -168,9 +168,9 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     if slot[-1] > 16 * len(slot):
         return None, 1
     length = 4 << int(np.ceil(np.log2(slot[-1] + 1)))
-    on_lattice = np.zeros((length, score.shape[1]))
-    np.add.at(on_lattice, slot, score)
-    power = (np.abs(np.fft.rfft(on_lattice, axis=0)) ** 2).sum(axis=1)
+    power = np.zeros(length // 2 + 1)
+    for column in score.T:  # one after another, as a long recording has many slots
+        power += np.abs(np.fft.rfft(np.bincount(slot, column, length))) ** 2
     frequency = np.fft.rfftfreq(length, step_s)
     slowest = 12 / time_s[-1]  # a slower one is a drift
     if pattern.law == "gain":  # and one of the pace of the motion a function of that
