@@ -62,8 +62,9 @@ def main(seed: int, cases: int, kinds: tuple[str, ...], outside: str, folder: Pa
 
 
 def tam(*words: object) -> None:
-    """Run a command of the check."""
-    subprocess.run([sys.executable, "-m", "tam_calibration", "blind", *map(str, words)], check=True)
+    """Run a command of the check, and end where it fails: it has said why."""
+    if code := subprocess.run([sys.executable, "-m", "tam_calibration", "blind", *map(str, words)]).returncode:
+        sys.exit(code)
 
 
 def write_results(score: Score) -> None:

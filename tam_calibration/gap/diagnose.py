@@ -188,7 +188,7 @@ _LEAST_BYTES = 224 << 20
 """Memory that a diagnosis of 4000 samples needs: 205 MiB, measured with `ulimit -v`."""
 
 MOST_SAMPLES = 50_000
-"""Samples that a diagnosis looks at, at most: eight minutes at 100 Hz, in 20 s and less than 500 MiB."""
+"""Samples that a diagnosis looks at, at most: eight minutes at 100 Hz. See ``benchmarks/diagnose_scale.py``."""
 
 STRETCH = 500
 """Samples of a stretch: many times the memory of filters and loops, and a hundredth of all that are looked at."""

@@ -271,8 +271,8 @@ class _CauseSearch:
         two = {_key(one) for one in pair if is_in_one_place}
         without_cause = two & {_key(one) for one in self._open} & {_key(one) for one in remaining}
         if without_cause and two != without_cause:
-            # Two laws of a sensor may stand for another one, unless both have a cause.
-            self._steps, self._model, self._open = [], self._nominal, []
+            # Without a cause of one, the two may only imitate another law, and the cause of the other is doubtful.
+            self._steps, self._model, self._open = [], self._nominal, pair
             remaining = self._explain_all(laws, two)
         return Search(
             self._nominal,

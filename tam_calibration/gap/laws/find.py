@@ -112,7 +112,7 @@ class Found:
     shared : Candidate
         The law in all sensors in which it is, with its course; the best one where it is in those alone.
     is_of_two : bool
-        Whether it explains with another one more than one law of a free course.
+        Whether it is one of two laws that replace one with a free course.
     """
 
     best: Candidate
@@ -182,20 +182,18 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
     best, predicted = accepted
     two = _two(residual, every, best, again)
     if two is None:
-        return [_in_its_sensors(best, tried, residual, predicted)]
+        return [_as_found(best, tried, residual, predicted)]
     first, second = two
     beside = residual
     for _ in range(3):  # each is fitted beside the other
         rest = residual.without(first.signal(residual, beside))
         beside = residual.without(second.signal(residual, rest))
     pair = ((first, beside), (second, rest))
-    return [replace(_in_its_sensors(one, [one], left), is_of_two=True) for one, left in pair]
+    return [replace(_as_found(one, [one], left), is_of_two=True) for one, left in pair]
 
 
-def _in_its_sensors(
-    best: Candidate, tried: list[Candidate], residual: Residual, predicted: float | None = None
-) -> Found:
-    """Return a law in all sensors in which it is; the energy that it predicts as found is known or not."""
+def _as_found(best: Candidate, tried: list[Candidate], residual: Residual, predicted: float | None = None) -> Found:
+    """Return a law in all sensors in which it is, with the energy that it predicts, if that is not known."""
     shared = in_its_sensors(residual, best)
     if predicted is None or shared is not best:
         predicted = predicted_energy(_halves(residual), shared)
@@ -272,7 +270,9 @@ def _simplest(first: Candidate, tried: list[Candidate]) -> Candidate:
 def _two(
     residual: Residual, tried: list[Candidate], free: Candidate, again: Repeats | None
 ) -> tuple[Candidate, Candidate] | None:
-    """Return two laws that explain together more than one of a free course, which imitates their sum; else None.
+    """Return two laws that have more evidence together than one with a free course; None where there are none.
+
+    A free course, of a gain above all, imitates the sum of two laws of a sensor.
 
     Parameters
     ----------
