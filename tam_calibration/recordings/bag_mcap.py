@@ -1,19 +1,19 @@
 """The storage mcap: records read chunk by chunk, by the index that follows each; chunks are written with CRCs."""
 
 import struct
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Literal, NamedTuple
+from typing import Any, BinaryIO, Literal, NamedTuple
 from zlib import crc32
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
-from rosbags.rosbag2.storage_mcap import McapWriter, read_bytes, read_string
+from rosbags.rosbag2.storage_mcap import McapWriter, PendingChunk, read_bytes, read_string
 from rosbags.typesys.msg import normalize_msgtype
 
-from tam_calibration.messages.cdr import RawMessages, join, windows
+from tam_calibration.messages.cdr import ByteArray, RawMessages, join, windows
 from tam_calibration.model.exceptions import MOST_NAMED, InputError
 from tam_calibration.model.units import IntArray
 from tam_calibration.recordings import bag_bounds
@@ -393,16 +393,60 @@ def _named_damage(path: Path) -> str:
 
 
 class McapBlockWriter(McapWriter):
-    """The mcap writer of rosbags, with CRCs."""
+    """The mcap writer of rosbags, with CRCs and for many messages at once: one by one takes four times as long."""
+
+    chunk_bytes = 1 << 20
+    """Of a chunk, as rosbags has them."""
+
+    def write_block(self, messages: RawMessages) -> None:
+        """Write messages, each of the connection of that id, in their order.
+
+        Parameters
+        ----------
+        messages : RawMessages
+            Their connections are ids of this writer's.
+        """
+        while len(messages):
+            ends = self.chunk.bio.tell() + np.cumsum(messages.size + _RECORD.itemsize)
+            count = int(np.searchsorted(ends, self.chunk_bytes, "right")) + 1
+            self._add(messages.take(slice(count)))
+            messages = messages.take(slice(count, None))
+            if self.chunk.bio.tell() > self.chunk_bytes:
+                self.close_chunk()
+
+    def _add(self, messages: RawMessages) -> None:
+        """Add messages to the chunk."""
+        chunk, times = self.chunk, messages.recorded_ns
+        offsets = chunk.bio.tell() + np.cumsum(messages.size + _RECORD.itemsize) - messages.size - _RECORD.itemsize
+        chunk.bio.write(_records_of(messages).data)
+        span = int(times.min()), int(times.max())
+        for one in (self, chunk):
+            one.message_start_time = min(one.message_start_time, span[0])
+            one.message_end_time = max(one.message_end_time, span[1])
+        for channel in dict.fromkeys(messages.connection.tolist()):
+            own = messages.connection == channel
+            entries: Any = np.column_stack([times[own], offsets[own]])  # as rosbags has them of single messages
+            chunk.msgs[channel].append(entries)
+            self.channel_stats[channel] += len(entries)
 
     def close_chunk(self) -> None:
-        """Write the chunk that is complete, with its CRC."""
-        begin, crc = self.bio.tell(), crc32(self.chunk.bio.getvalue())
-        super().close_chunk()
-        end = self.bio.tell()
-        self.bio.seek(begin + _HEAD.size + _CHUNK_HEAD.size - 4)
-        self.bio.write(crc.to_bytes(4, "little"))
-        self.bio.seek(end)
+        """Write the chunk that is complete, with its CRC, and where it has the messages of each channel."""
+        content, times = self.chunk.bio.getvalue(), (self.chunk.message_start_time, self.chunk.message_end_time)
+        packed, name = self.compressor(content), self.compression.encode()
+        packing = struct.pack(f"<I{len(name)}sQ", len(name), name, len(packed))
+        head, begin = _CHUNK_HEAD.pack(*times, len(content), crc32(content)) + packing, self.bio.tell()
+        self.bio.write(_HEAD.pack(CHUNK, len(head) + len(packed)) + head + packed)
+        end, places = self.bio.tell(), b""
+        for channel, entries in self.chunk.msgs.items():
+            places += struct.pack("<HQ", channel, self.bio.tell())
+            listed = np.vstack(entries).astype("<u8").tobytes()
+            length = _INDEX_HEAD.size - _HEAD.size + len(listed)
+            self.bio.write(_INDEX_HEAD.pack(MESSAGE_INDEX, length, channel, len(listed)) + listed)
+        index = BytesIO()
+        index.write(struct.pack("<QQQQI", *times, begin, end - begin, len(places)) + places)
+        index.write(struct.pack("<Q", self.bio.tell() - end) + packing + struct.pack("<Q", len(content)))
+        self.chunks.append(index)
+        self.chunk = PendingChunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
 
     def close(self, version: int, metadata: str) -> None:
         """Write the summary, and close the file.
@@ -416,6 +460,21 @@ class McapBlockWriter(McapWriter):
         """
         super().close(version, metadata)
         seal(self.path)
+
+
+def _records_of(messages: RawMessages) -> ByteArray:
+    """Return the records of messages, one after another."""
+    heads = np.zeros(len(messages), _RECORD)
+    heads["kind"], heads["size"] = MESSAGE, messages.size + MESSAGE_HEAD.size
+    heads["channel"], heads["log_ns"] = messages.connection, messages.recorded_ns
+    heads["publish_ns"] = messages.recorded_ns
+    ends = np.cumsum(messages.size + _RECORD.itemsize)
+    content = np.empty(int(ends[-1]), np.uint8)
+    windows(content, _RECORD.itemsize)[ends - messages.size - _RECORD.itemsize] = heads.view(f"V{_RECORD.itemsize}")
+    for size in np.unique(messages.size[messages.size > 0]).tolist():
+        own = np.flatnonzero(messages.size == size)
+        windows(content, size)[ends[own] - size] = windows(messages.block, size)[messages.start[own]]
+    return content
 
 
 FILE, WRITER = McapFile, McapBlockWriter

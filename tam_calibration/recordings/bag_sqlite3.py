@@ -313,9 +313,22 @@ class Sqlite3BlockWriter(Sqlite3Writer):
         data : bytes
             The serialised message.
         """
-        content = bytes(data)
-        crc = crc32(content, crc32(b"%d %d" % (connection.id, timestamp)))  # as _FITS_CRC has it
-        self.cursor.execute(_INSERT, (connection.id, timestamp, content, crc))
+        self.write_block(RawMessages.of([connection.id], [timestamp], [bytes(data)]))
+
+    def write_block(self, messages: RawMessages) -> None:
+        """Write messages, each of the connection of that id, in their order.
+
+        Parameters
+        ----------
+        messages : RawMessages
+            Their connections are ids of this writer's.
+        """
+        rows = zip(messages.connection.tolist(), messages.recorded_ns.tolist(), messages.messages(), strict=True)
+        # As _FITS_CRC has it.
+        self.cursor.executemany(
+            _INSERT,
+            ((number, time_ns, one, crc32(one, crc32(b"%d %d" % (number, time_ns)))) for number, time_ns, one in rows),
+        )
 
 
 FILE, WRITER = Sqlite3File, Sqlite3BlockWriter

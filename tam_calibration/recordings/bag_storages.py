@@ -98,7 +98,8 @@ class Storage(Protocol):
     FILE : type of StoredFile
         Reads a complete file, and is made of its path.
     WRITER : type
-        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin. A storage that is only read has none.
+        Writes a file, as ``rosbags.rosbag2.Writer`` asks of a plugin, and takes many messages at once by
+        ``write_block``. A storage that is only read has none.
     """
 
     FILE: type[Any]

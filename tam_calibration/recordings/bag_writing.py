@@ -52,11 +52,9 @@ class BlockWriter(Writer):
         if not len(messages):
             return
         storage: Any = self.storage
-        by_id = {connection.id: connection for connection in self.connections}
-        rows = zip(messages.connection.tolist(), messages.recorded_ns.tolist(), messages.messages(), strict=True)
-        for number, recorded_ns, message in rows:
-            storage.write(by_id[number], recorded_ns, message)
-            self.counts[number] += 1
+        storage.write_block(messages)
+        for number, count in zip(*np.unique(messages.connection, return_counts=True), strict=True):
+            self.counts[int(number)] += int(count)
         self.min_timestamp = min(int(messages.recorded_ns.min()), self.min_timestamp)
         self.max_timestamp = max(int(messages.recorded_ns.max()), self.max_timestamp)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_array_equal, assert_array_max_ulp
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from small_chunks import cut_chunks
 from zstandard import ZstdCompressor
@@ -117,9 +117,9 @@ def rough_messages(count=300, seed=3):
     return messages
 
 
-def write(path, messages, storage="sqlite3", compression=CompressionMode.NONE, as_block=False):
-    """Write a bag, message by message or as one block."""
-    writer = BlockWriter(path, storage)
+def write(path, messages, storage="sqlite3", compression=CompressionMode.NONE, as_block=False, writer=None):
+    """Write a bag, message by message or as one block; by default with our writer."""
+    writer = writer or BlockWriter(path, storage)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
         kinds = dict.fromkeys((topic, msgtype) for topic, msgtype, _, _ in messages)
@@ -224,6 +224,21 @@ def test_a_bag_reads_as_message_by_message(tmp_path, caplog, storage, compressio
     plain = read_plainly(path)
     check_equal(read_samples(path), plain)
     assert plain[2] in caplog.text and "missing" in plain[2] and "out of order" in plain[2]
+
+
+@pytest.mark.parametrize("compression", [CompressionMode.NONE, CompressionMode.STORAGE])
+def test_a_block_makes_the_mcap_file_of_rosbags(tmp_path, monkeypatch, compression):
+    """Byte for byte, but for the CRCs, that of its messages one by one; of several chunks."""
+    monkeypatch.undo()  # chunks of the usual size
+    monkeypatch.setattr(bag_mcap, "crc32", lambda *content: 0)
+    monkeypatch.setattr(bag_mcap, "seal", lambda path: None)
+    messages = 20 * rough_messages()
+    ours = write(tmp_path / "ours" / "bag", messages, "mcap", compression, as_block=True)
+    plain = Writer(tmp_path / "plain" / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
+    theirs = write(tmp_path / "plain" / "bag", messages, "mcap", compression, writer=plain)
+    assert (theirs / "bag.mcap").stat().st_size > (1 << 20 if compression is CompressionMode.NONE else 0)
+    assert (ours / "bag.mcap").read_bytes() == (theirs / "bag.mcap").read_bytes()
+    assert (ours / "metadata.yaml").read_text() == (theirs / "metadata.yaml").read_text()
 
 
 @pytest.mark.parametrize("storage", bag_storages.written())

@@ -180,7 +180,7 @@ def test_a_damaged_message_is_left_out_and_told(tmp_path):
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.9])
 def test_room_that_was_never_written_to_holds_no_message(tmp_path, monkeypatch, part):
     """Zeros, as a file system leaves them after a power cut: neither they nor the message that ends in them count."""
-    monkeypatch.setattr(bag_mcap.McapBlockWriter, "close_chunk", bag_mcap.McapWriter.close_chunk)  # without CRC
+    monkeypatch.setattr(bag_mcap, "crc32", lambda content, before=0: 0)  # as of a file without CRC
     file = finished(tmp_path / "bag", ("mcap", CompressionMode.NONE))
     content = file.read_bytes()
     place = int(len(content) * part)
