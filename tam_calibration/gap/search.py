@@ -235,9 +235,17 @@ def search(
     without : collection of str
         Names of effects that are not named as causes.
     progress : callable, optional
-        Called with the name of the stage and the part that is done, 0 to 1.
+        Called with the name of the stage and the part that is done, 0 to 1, which never falls.
     """
-    tell = progress or (lambda what, part: None)
+    furthest = 0.0
+
+    def tell(what: str, part: float) -> None:
+        """Tell the stage, and how far the search is: it may seek causes a second time, but does not go back."""
+        nonlocal furthest
+        furthest = max(furthest, part)
+        if progress is not None:
+            progress(what, furthest)
+
     tell("nominal calibration", 0.0)
     nominal = Model.nominal(recording, array)
     best = _CauseSearch(nominal, without, tell).run()

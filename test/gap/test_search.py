@@ -451,7 +451,8 @@ def test_a_special_case_that_is_left_out_stands_beside_what_holds_it(run):
 
 
 def test_progress_is_told(lagging):
-    """Stages by name, from 0 to 1."""
+    """Stages by name, from 0 to 1, and never back."""
     _, told = lagging
     assert told[0] == ("nominal calibration", 0.0) and {"laws", "temperature_drift"} <= {what for what, _ in told}
-    assert all(0 <= part <= 1 for _, part in told)
+    parts = [part for _, part in told]
+    assert 0 <= min(parts) <= max(parts) <= 1 and parts == sorted(parts)
