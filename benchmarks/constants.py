@@ -2,7 +2,7 @@
 
 The kind follows from a rule, in this order, and not from an opinion:
 
-- ``label``: negative whole numbers, and numbers named by strings that are all ±1, which stand for a thing;
+- ``label``: negative whole numbers, and numbers named by strings that are all 0 or ±1, which stand for a thing;
 - ``tolerance``: within 1e-4 of 0 or 1 and without a unit at the end of its name: what rounding may do;
 - ``decision``: one number, or one for each name, that stands in a comparison with other than zero, itself or by way of
   the local name or of the function that is made of it; but not whole numbers from 200 on, which are sizes of the work;
@@ -24,7 +24,7 @@ import numpy as np
 import tam_calibration
 
 PACKAGE = Path(tam_calibration.__file__).parent
-ROOMS = ("gap", "effects", "core")
+ROOMS = ("gap", "effects", "comparison", "core")
 KINDS = ("decision", "tolerance", "size", "factor", "basis", "label")
 
 _ROUNDING = 1e-4
@@ -104,7 +104,7 @@ def _users(trees: Mapping[str, ast.Module]) -> dict[tuple[str, str], list[str]]:
 
 def unnamed_in_comparisons() -> int:
     """Return how many numbers other than 0, ±1, 2 and 3 are compared with no name."""
-    trees = [ast.parse(path.read_text()) for room in ROOMS for path in (PACKAGE / room).glob("*.py")]
+    trees = [ast.parse(path.read_text()) for room in ROOMS for path in (PACKAGE / room).rglob("*.py")]
     numbers = [
         one.value
         for tree in trees
@@ -191,7 +191,7 @@ def _is_numeric(value: Any) -> bool:
 
 
 def _kind(name: str, value: Any, is_compared: bool) -> str:
-    is_sign = isinstance(value, Mapping) and all(one in (1, -1) for one in value.values())
+    is_sign = isinstance(value, Mapping) and all(np.isin(one, (-1, 0, 1)).all() for one in value.values())
     if is_sign or (isinstance(value, int) and value < 0):
         return "label"
     is_tiny = isinstance(value, float) and min(abs(value), abs(1 - value)) < _ROUNDING
