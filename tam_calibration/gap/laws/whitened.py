@@ -129,6 +129,10 @@ class Residual:
         ----------
         rows : (r,) array
         """
+        if len(rows) == 1 and rows[0] < 3 * self.sensor_count:  # a view of what the three axes have
+            sensor, axis = divmod(int(rows[0]), 3)
+            information, products = self.of_rows(3 * sensor + np.arange(3))
+            return information[:, axis : axis + 1, axis : axis + 1], products[:, axis : axis + 1]
         if self not in _LAST_BY_ROWS:
             _LAST_BY_ROWS.clear()
             _LAST_BY_ROWS[self] = {}
