@@ -288,6 +288,10 @@ class _Found(Solution):
             value[at] = getattr(other, name)
 
 
+_Fits = tuple[FloatArray, ...]
+"""Unknowns (S, N, 6), covariances (S, N, 6, 6), χ² (S, N), infinite where none settled, and fields (S, N, 3)."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Beside:
     """Samples beside a field ``field_T`` that is uncertain by ``own``, or known but for a turn: see ``less_turned``."""
@@ -321,36 +325,33 @@ class _Beside:
         if not len(at):
             return euler
         seen = self.take(at)
-        found, least_T2 = seen.best(_SHIFTS[:1]), np.linalg.eigvalsh(seen.spread)[:, -1]
+        # Of one sample, as live ones are, all fits take hardly longer than the first.
+        every = seen.fits(_SHIFTS) if len(at) == 1 else None
+        found = _best(seen.fits(_SHIFTS[:1]) if every is None else tuple(each[:1] for each in every))
+        least_T2 = np.linalg.eigvalsh(seen.spread)[:, -1]
 
         def is_above(times: float) -> np.ndarray:
             return np.asarray(norm(found.field_T, axis=1) ** 2 > times**2 * least_T2)
 
         doubtful = np.flatnonzero(~found.is_found | is_above(_LEAST_FIELD) & ~is_above(_SURE_FIELD))
         if len(doubtful):
-            found.put(doubtful, seen.take(doubtful).best(_SHIFTS))
+            found.put(doubtful, _best(seen.take(doubtful).fits(_SHIFTS) if every is None else every))
         is_sure = found.is_found & is_certain(found.unknowns, found.covariance)
         status, reasons = euler.status.copy(), (Status.UNCERTAIN, Status.AMBIGUOUS, Status.NO_FIELD)
         status[at] = np.select([~is_sure, found.is_ambiguous, ~is_above(_LEAST_FIELD)], reasons, Status.LOCATED)
         return EulerSolutions.of_fits(status, found.take(status[at] == Status.LOCATED), self.index == DIPOLE_INDEX)
 
-    def best(self, shifts: FloatArray) -> _Found:
-        """Return the best of the fits that begin with a field that is off by some shifts (S, 2): all side by side."""
+    def fits(self, shifts: FloatArray) -> _Fits:
+        """Return the fits that begin with a field that is off by some shifts (S, 2): all side by side."""
         count, shape = len(self.outputs), (len(shifts), len(self.outputs))
         values, vectors = np.linalg.eigh(self.spread)
         errors = np.sqrt(np.maximum(values[:, 1:], 0.0))
         shifted = np.einsum("ta,na,nia->tni", shifts, errors, vectors[:, :, 1:]).reshape(-1, 3)
         solution, field_T = self.take(np.tile(np.arange(count), len(shifts))).fitted(shifted)
-        chi_square = np.where(solution.is_found, solution.chi_square, np.inf).reshape(shape)
-        unknowns = np.where(solution.is_found[:, None], solution.unknowns, 1.0).reshape(*shape, 6)
-        at = np.argmin(chi_square, axis=0), np.arange(count)
-        covariance, least = solution.covariance.reshape(*shape, 6, 6)[at], chi_square[at]
-        apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
-        is_other = apart > np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
-        # Another dipole explains the sample as long as its likelihood is not much less.
-        is_ambiguous = (is_other & (chi_square < least - 2 * np.log(PLAUSIBLE))).any(axis=0)
-        own = field_T.reshape(*shape, 3)[at]
-        return _Found(unknowns[at], covariance, least, np.isfinite(least), own, is_ambiguous)
+        chi_square = np.where(solution.is_found, solution.chi_square, np.inf)
+        unknowns = np.where(solution.is_found[:, None], solution.unknowns, 1.0)
+        every = unknowns, solution.covariance, chi_square, field_T
+        return tuple(each.reshape(*shape, *each.shape[1:]) for each in every)
 
     def fitted(self, shifted: FloatArray) -> tuple[Solution, FloatArray]:
         """Return the sources, and their fields (N, 3), that are found after a shift (N, 3) of the field."""
@@ -369,3 +370,15 @@ class _Beside:
             is_turn = norm(left - self.field_T, axis=1) < ATTITUDE_NOISE.most * norm(self.field_T, axis=1)
             turned_T = np.where(is_turn[:, None], left, self.field_T)
         return fit.solution, source_T
+
+
+def _best(fits: _Fits) -> _Found:
+    """Return the best of S fits of each of N samples."""
+    unknowns, covariance, chi_square, field_T = fits
+    at = np.argmin(chi_square, axis=0), np.arange(chi_square.shape[1])
+    least, own = chi_square[at], covariance[at]
+    apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
+    is_other = apart > np.trace(own[:, :3, :3], axis1=1, axis2=2)
+    # Another dipole explains the sample as long as its likelihood is not much less.
+    is_ambiguous = (is_other & (chi_square < least - 2 * np.log(PLAUSIBLE))).any(axis=0)
+    return _Found(unknowns[at], own, least, np.isfinite(least), field_T[at], is_ambiguous)
