@@ -176,7 +176,10 @@ def mapping_in(path: Path) -> Iterator[dict[str, Any]]:
         yield parse_mapping(text)
 
 
-class _Dumper(yaml.SafeDumper):
+_SafeDumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+class _Dumper(_SafeDumper):  # type: ignore[misc]
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
