@@ -296,9 +296,11 @@ class _CauseSearch:
         """Explain laws but for some, and those of what is left; return the laws that remain."""
         remaining, explained = laws, set[_Key]()
         while len(self._steps) < MOST_CAUSES:
-            law = next((one for one in remaining if _key(one) not in unexplained and not self._is_small(one)), None)
-            if law is None:
+            open_ones = [one for one in remaining if _key(one) not in unexplained and not self._is_small(one)]
+            if not open_ones:
                 break
+            # More variance would take the laws beside it for noise: it comes last.
+            law = next((one for one in open_ones if one.found), open_ones[0])
             left = self._explain(law, [one for one in remaining if one is not law])
             if left is None:
                 unexplained = unexplained | {_key(law)}
@@ -361,8 +363,9 @@ class _CauseSearch:
         return left if is_gone else None
 
     def _takes_law(self, form: Finding, law: Law) -> bool:
-        """Say whether a variance would take for noise a law that predicts, or what an open one beside it leaves."""
-        is_open = any(not set(one.signature.sensors).isdisjoint(law.signature.sensors) for one in self._open)
+        """Say whether a variance would take for noise a law that predicts, or what a larger open one beside it leaves."""
+        larger = (one.signature for one in self._open if one.signature.energy > law.signature.energy)
+        is_open = any(not set(one.sensors).isdisjoint(law.signature.sensors) for one in larger)
         return form.is_variance and (bool(law.found) or is_open)
 
     def _accept(self, chain: Sequence[Evidence], left: Residual, law: Law, as_good: Sequence[str]) -> Residual:
