@@ -372,6 +372,15 @@ def test_two_effects_are_both_found(run):
     assert sum(cause.share for cause in gap.causes) == pytest.approx(1)
 
 
+def test_noise_does_not_hide_a_weaker_cause_in_its_sensor(run):
+    """More variance would take for noise what bends with the reading."""
+    made = bent(noisy(run(SAMPLES)), row=7, size=20e-9)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert [cause.fitted.effect for cause in gap.causes] == ["noise_excess", "nonlinearity"]
+    assert {cause.sensors for cause in gap.causes} == {(3,)}
+
+
 def test_a_sensor_that_is_rounded_and_noisy_has_an_answer(run):
     """Noise of a sensor whose readings are rounded is a part of that cause."""
     made = run(SAMPLES)
