@@ -363,7 +363,7 @@ class _CauseSearch:
         return left if is_gone else None
 
     def _takes_law(self, form: Finding, law: Law) -> bool:
-        """Say whether a variance would take for noise a law that predicts, or what a larger open one beside it leaves."""
+        """Say whether a variance would take for noise a law that predicts, or what a larger open one leaves."""
         larger = (one.signature for one in self._open if one.signature.energy > law.signature.energy)
         is_open = any(not set(one.sensors).isdisjoint(law.signature.sensors) for one in larger)
         return form.is_variance and (bool(law.found) or is_open)
