@@ -296,9 +296,13 @@ class _CauseSearch:
         """Explain laws but for some, and those of what is left; return the laws that remain."""
         remaining, explained = laws, set[_Key]()
         while len(self._steps) < MOST_CAUSES:
-            law = self._next([one for one in remaining if _key(one) not in unexplained and not self._is_small(one)])
-            if law is None:
+            asked = [one for one in remaining if _key(one) not in unexplained and not self._is_small(one)]
+            if not asked:
                 break
+            law = asked[0]
+            if law.signature.law == "noise":  # more variance would take for noise what is beside it
+                sensors = set(law.signature.sensors)
+                law = next((one for one in asked if one.found and sensors & set(one.signature.sensors)), law)
             left = self._explain(law, [one for one in remaining if one is not law])
             if left is None:
                 unexplained = unexplained | {_key(law)}
@@ -308,14 +312,6 @@ class _CauseSearch:
             self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
             remaining = tuple(one for one in self._laws_of(left) if _key(one) not in explained)
         return remaining
-
-    @staticmethod
-    def _next(laws: list[Law]) -> Law | None:
-        """Return the strongest of laws, or where it is noise one beside it, which more variance would take for noise."""
-        if not laws or laws[0].signature.law != "noise":
-            return next(iter(laws), None)
-        places = set(laws[0].signature.sensors)
-        return next((one for one in laws if one.found and places & set(one.signature.sensors)), laws[0])
 
     def _laws_of(self, residual: Residual) -> tuple[Law, ...]:
         """Return the laws of what a model leaves; a second time as they were found before."""
