@@ -28,9 +28,9 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("left_toolbox", "folding_arms", "viscous_hull"),
     *("winch_drum", "scanning_multiplexer", "passing_boat"),
     *("coiled_cable", "thrusters"),
+    *("warm_magnets", "hanging_tether"),
 )
 """What disturbs all sensors leaves none to another cause."""
 

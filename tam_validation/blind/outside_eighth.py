@@ -22,7 +22,6 @@ from tam_validation.blind.disturbance import (
 )
 from tam_validation.blind.outside import in_a_sensor, outside, turning_rate
 from tam_validation.blind.outside_seventh import followed
-from tam_validation.blind.outside_sixth import from_beside
 from tam_validation.blind.processes import draw_wander
 from tam_validation.blind.scene import Scene
 from tam_validation.blind.surroundings import dipole
@@ -54,6 +53,16 @@ def coiled_cable(rng: Generator, scene: Scene) -> Disturbance:
     """Leave the rest of a load's cable in a coil on the ground, beside the place where the array is turned."""
     load_A = scene.current(scene.time_s)
     return from_beside(rng, scene, "coiled_cable", load_A - load_A.min())
+
+
+def from_beside(rng: Generator, scene: Scene, effect: str, size: FloatArray) -> Disturbance:
+    """Return what a dipole of some size (N,) does that rests beside the place where the array is turned."""
+    distance_m = rng.uniform(0.8, 3)
+    at_m = np.einsum("nij,kj->nki", scene.to_world, np.vstack([scene.positions_m, np.zeros(3)]))
+    field = dipole(draw_direction(rng), at_m - distance_m * draw_direction(rng))
+    extra = np.einsum("n,nji,nkj->nki", size, scene.to_world, field)
+    change = carried(scene, 1e-9 * extra / size_of(extra))
+    return Disturbance(effect, (ALL,), (), change, "nT", {"distance_m": distance_m})
 
 
 def thrusters(rng: Generator, scene: Scene) -> Disturbance:

@@ -1,4 +1,4 @@
-"""The sixth, the seventh and the eighth set of causes outside the library."""
+"""The seventh, the eighth and the ninth set of causes outside the library."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from tam_validation.blind.case_plan import plan_cases
 from tam_validation.blind.catalogue import CATALOGUE, CAUSES, LAWS, OUTSIDE_SETS
 from tam_validation.blind.continuous_motion import ContinuousMotion
 from tam_validation.blind.outside_eighth import EIGHTH
+from tam_validation.blind.outside_ninth import NINTH
 from tam_validation.blind.outside_seventh import SEVENTH
-from tam_validation.blind.outside_sixth import SIXTH
 
 COURSES = {"constant", "step", "episodes", "slow", "tone", "channel", "motion", "random"}
 KINDS_OF_LAW = {"offset", "gain", "rate", "own_field", "attitude", "noise", "samples"}
@@ -24,7 +24,7 @@ def test_the_sets_share_no_name():
     assert tuple(OUTSIDE_SETS) == SETS and len(names) == len(set(names)) == len(CAUSES)
 
 
-@pytest.mark.parametrize("name", [*SIXTH, *SEVENTH, *EIGHTH])
+@pytest.mark.parametrize("name", [*SEVENTH, *EIGHTH, *NINTH])
 def test_every_cause_has_a_law_and_a_course(name):
     """Of those that there are."""
     right = LAWS[name]
@@ -32,7 +32,7 @@ def test_every_cause_has_a_law_and_a_course(name):
     assert set(right["law"]) <= KINDS_OF_LAW and set(right["course"]) <= COURSES
 
 
-@pytest.mark.parametrize("causes", [SIXTH, SEVENTH, EIGHTH])
+@pytest.mark.parametrize("causes", [SEVENTH, EIGHTH, NINTH])
 def test_every_law_is_in_a_set(causes):
     """Each is the usual one of some cause, and most courses are."""
     assert {LAWS[name]["law"][0] for name in causes} == KINDS_OF_LAW
@@ -46,89 +46,8 @@ def test_a_plan_draws_from_one_set(name):
     mixed = plan_cases(("mixed",), 120, 3, name)
     assert single == set(OUTSIDE_SETS[name]) and len(mixed) == 120
     beside = {plan.effects[1] for plan in mixed}
-    everywhere = {"left_toolbox", "folding_arms", "viscous_hull", "coiled_cable", "thrusters"}
+    everywhere = {"coiled_cable", "thrusters", "warm_magnets", "hanging_tether"}
     assert beside == single - everywhere - {"winch_drum", "scanning_multiplexer", "passing_boat"}
-
-
-def test_a_ramp_meets_large_values_late(draw):
-    """The error is the change of the reading in a time that grows with the reading itself."""
-    scene = draw(2)
-    cause = SIXTH["ramp_converter"].draw(np.random.default_rng(2), scene)
-    vectors, _ = cause.change(1e-4, ())
-    sensor = cause.sensors[0] - 1
-    rate = (scene.readings_at(scene.time_s + 1e-4) - scene.readings_T)[:, sensor] / 1e-4
-    late = vectors[:, sensor] / rate / scene.core(sensor)
-    moving = np.abs(rate) > 1e-6
-    np.testing.assert_allclose(np.abs(late[moving & (vectors[:, sensor] != 0)]), 1e-4, rtol=0.05)
-
-
-def test_a_wrong_entry_spoils_the_readings_about_it(change_of):
-    """The error is largest at one reading, and none at those that are farther away."""
-    scene, cause, change = change_of("wrong_table_entry", 2)
-    axis = "xyz".index(cause.axes[0])
-    error, reading = np.abs(change[:, axis]), scene.readings_T[:, cause.sensors[0] - 1, axis]
-    near = np.abs(reading - reading[error.argmax()]) < np.ptp(reading) / 4
-    assert 0 < (error > 0).mean() < 0.6 and not error[~near].any()
-
-
-def test_a_gripper_is_beside_the_sensor_now_and_then(change_of):
-    """It makes a dipole's field, twice as large along the dipole as across, and hardly any from its place."""
-    _, _, change = change_of("soft_gripper", 3)
-    size = to_nanotesla(np.linalg.norm(change, axis=1))
-    assert 0.05 < (size > 0.9).mean() < 0.7 and size.max() < 2.3 and size.min() < 0.05
-
-
-def test_a_mean_with_lost_readings_is_too_small(change_of):
-    """By so many times the same part of the reading, now and then."""
-    scene, cause, change = change_of("lost_in_mean", 1)
-    part = -to_nanotesla(change) * scene.intensity_T.mean() / scene.readings_T[:, cause.sensors[0] - 1]
-    np.testing.assert_allclose(part, np.repeat(np.round(part[:, :1]), 3, axis=1), atol=1e-9)
-    assert 0 < (part > 0.5).mean() < 0.2
-
-
-def test_a_current_flows_while_the_joints_are_unlike(change_of):
-    """It follows the change of the air's temperature more than the temperature itself."""
-    scene, _, change = change_of("seebeck_loop", 1)
-    course, air_C = change[:, np.abs(change).max(axis=0).argmax()], scene.temperature(scene.time_s)
-    alike = [abs(np.corrcoef(course, one)[0, 1]) for one in (np.gradient(air_C, scene.time_s), air_C)]
-    assert alike[0] > 0.7 and alike[0] > alike[1]
-
-
-def test_an_arm_lies_at_its_stop_until_it_is_tilted(draw):
-    """Until then its error is a constant turn; afterwards it is another."""
-    scene = draw(1)
-
-    def of_level(time_s):
-        return np.outer(time_s, [0.3, 0, 0])
-
-    for turning, turned_once in ((scene, False), (replace(scene, motion=ContinuousMotion("tumbling", of_level)), True)):
-        vectors, _ = SIXTH["folding_arms"].draw(np.random.default_rng(1), turning).change(1.0, ())
-        left = np.linalg.lstsq(turning.core(0), vectors[:, 0], rcond=None)[0]
-        assert np.allclose(turning.core(0) @ left, vectors[:, 0], atol=1e-6 * np.abs(vectors).max()) == turned_once
-
-
-def test_a_hum_makes_the_intensity_larger(draw):
-    """By the square of the current, and never by less than nothing."""
-    scene = draw(1)
-    vectors, scalar = SIXTH["rectified_hum"].draw(np.random.default_rng(1), scene).change(1.0, ())
-    most = 1e-9 * (scene.current(scene.time_s) / scene.current(scene.time_s).max()) ** 2
-    assert not vectors.any() and (scalar >= 0).all() and (scalar <= most).all() and scalar.max() > 0.5e-9
-
-
-def test_a_line_is_changed_in_the_dark(draw):
-    """The scalar errs by whole distances of lines, and for long by the same one."""
-    scene = draw(1)
-    _, scalar = SIXTH["next_line"].draw(np.random.default_rng(1), scene).change(1.0, ())
-    lines = np.abs(to_nanotesla(scalar))
-    assert set(np.round(lines, 9)) == {0.0, 1.0, 2.0} or set(np.round(lines, 9)) == {0.0, 1.0}
-    assert 0 < np.mean(np.diff(lines) != 0) < 0.1
-
-
-def test_an_old_hull_follows_slowly(draw):
-    """From one sample to the next its field changes by a small part of all that it does."""
-    scene = draw(1)
-    vectors, _ = SIXTH["viscous_hull"].draw(np.random.default_rng(1), scene).change(1.0, ())
-    assert np.abs(np.diff(vectors, axis=0)).max() < 0.1 * np.ptp(vectors, axis=0).max()
 
 
 def test_a_drum_stops_at_any_angle(draw):
@@ -407,3 +326,149 @@ def test_what_has_not_settled_lies_between_two_axes(change_of):
     part = to_nanotesla(change) * scene.intensity_T.mean() / (reading[:, [2, 0, 1]] - reading)
     struck = part > 1e-9
     assert 0 < struck.any(axis=1).mean() < 0.1 and part[struck].min() > 0.29 and part.max() < 1.01
+
+
+def test_a_shackle_swings_after_each_knock(change_of):
+    """It swings at one frequency, and twice that, and each knock makes it swing more than just before."""
+    scene, _, change = change_of("swinging_shackle", 1, samples=1000)
+    values = np.linalg.svd(change - change.mean(axis=0), full_matrices=False)[0][:, 0]
+    power = np.abs(np.fft.rfft(values)) ** 2
+    peak = power.argmax()
+    assert power[peak - 20 : peak + 21].sum() > 0.8 * power.sum() and 0.03 < peak / scene.sample_count < 0.31
+    loud = np.abs(change).max(axis=1).reshape(-1, 50).max(axis=1)
+    assert (np.diff(loud) > 0).any() and loud.min() < 0.5 * loud.max()
+
+
+def test_magnets_weaken_by_the_heat_of_the_current(draw):
+    """All sensors have one course, each along a direction of its own, and it goes with the square of the current."""
+    scene = draw(1)
+    vectors, scalar = NINTH["warm_magnets"].draw(np.random.default_rng(1), scene).change(1.0, ())
+    flat = vectors.reshape(scene.sample_count, -1)
+    assert np.linalg.matrix_rank(flat, 1e-6 * np.linalg.norm(flat)) == 1 and scalar.any()
+    course = flat[:, np.abs(flat).max(axis=0).argmax()]
+    assert abs(np.corrcoef(course, scene.current(scene.time_s) ** 2)[0, 1]) > 0.3
+    assert np.abs(np.diff(course)).max() < 0.5 * np.ptp(course)
+
+
+def test_a_laser_hops_with_its_warmth(draw):
+    """There are a few levels, and each belongs to one range of temperatures."""
+    scene = draw(2)
+    cause = NINTH["hopping_laser"].draw(np.random.default_rng(2), scene)
+    vectors, scalar = cause.change(1.0, ())
+    levels, level = np.unique(np.round(scalar, 15), return_inverse=True)
+    assert 2 <= len(levels) <= cause.parameters["hops"] + 1 and not vectors.any()
+    air_C = scene.temperature(scene.time_s)
+    within = sum(air_C[level == one].var() * np.mean(level == one) for one in range(len(levels)))
+    assert within < 0.6 * air_C.var()
+
+
+def test_a_loose_crimp_takes_the_same_part_of_all_it_feeds(draw):
+    """By something else each time, and nothing between."""
+    scene = draw(1)
+    cause = NINTH["loose_crimp"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(1.0, ())
+    fed = [sensor - 1 for sensor in cause.sensors]
+    part = to_nanotesla(-vectors[:, fed] / scene.readings_T[:, fed]) * scene.intensity_T.mean()
+    np.testing.assert_allclose(part, np.broadcast_to(part[:, :1, :1], part.shape), atol=1e-9)
+    depths = set(np.round(part[:, 0, 0], 9)) - {0.0}
+    assert 2 <= len(depths) <= cause.parameters["times"] and 0.05 < (part[:, 0, 0] > 0).mean() < 0.95
+    assert not np.delete(vectors, fed, axis=1).any()
+
+
+def test_a_wet_plug_takes_ever_more(change_of):
+    """Of each axis a part of its reading that only grows, and slowly."""
+    scene, cause, change = change_of("wet_plug", 1)
+    axis = int(np.abs(change).max(axis=0).argmax())
+    part = -change[:, axis] / scene.readings_T[:, cause.sensors[0] - 1, axis]
+    assert (np.diff(part) > -1e-9 * part.max()).all() and np.diff(part).max() < 0.05 * part.max()
+
+
+def test_a_filter_is_late_once_it_is_set(draw):
+    """Nothing before; then by half of all its time, in all sensors that it serves."""
+    scene = draw(2, motions=("diver",))
+    cause = NINTH["reset_filter"].draw(np.random.default_rng(2), scene)
+    vectors, _ = cause.change(1e-5, ())
+    served = [sensor - 1 for sensor in cause.sensors]
+    rate = (scene.readings_T - scene.readings_at(scene.time_s - 1e-5))[:, served]
+    late = -(vectors[:, served] * rate).sum(axis=2) / (rate**2).sum(axis=2)
+    longer = late[:, 0] > 1e-3
+    assert np.count_nonzero(np.diff(longer)) in {1, 2} and not longer[: int(0.2 * len(longer))].any()
+    np.testing.assert_allclose(late[longer], (cause.parameters["taps"] - 1) / 2, rtol=0.05)
+    assert not np.delete(vectors, served, axis=1).any()
+
+
+def test_a_watch_crystal_only_loses(draw):
+    """Its sensors are later and later, all by the same, and faster the farther it is from 25 °C."""
+    scene = draw(2, motions=("diver",))
+    cause = NINTH["watch_crystal"].draw(np.random.default_rng(2), scene)
+    vectors, _ = cause.change(1e-5, ())
+    timed = [sensor - 1 for sensor in cause.sensors]
+    rate = (scene.readings_at(scene.time_s + 1e-5) - scene.readings_T)[:, timed]
+    late = -(vectors[:, timed] * rate).sum(axis=2) / (rate**2).sum(axis=2)
+    np.testing.assert_allclose(late, np.repeat(late[:, :1], len(timed), axis=1), atol=0.02)
+    off = (scene.temperature(scene.time_s) - 25) ** 2
+    assert late[-1, 0] > late[0, 0] and np.corrcoef(np.gradient(late[:, 0]), off)[0, 1] > 0.9
+
+
+def test_negative_readings_have_their_own_gain(change_of):
+    """What is above zero is right; what is below lies on another line."""
+    scene, cause, change = change_of("unequal_halves", 2)
+    reading = scene.readings_T[:, cause.sensors[0] - 1]
+    assert not change[reading >= 0].any()
+    axis = int(np.abs(change).max(axis=0).argmax())
+    below = reading[:, axis] < 0
+    line = np.polyfit(reading[below, axis] / scene.intensity_T.mean(), to_nanotesla(change[below, axis]), 1)
+    assert abs(line[0]) == pytest.approx(1) and abs(line[1]) <= 0.3
+
+
+def test_a_sinker_hangs_below(draw):
+    """A level turn leaves it where it is under the array; a tilt moves it, and a tilt back brings it back."""
+    scene = draw(1)
+    there_and_back = 1 - np.abs(1 - 2 * scene.time_s / scene.duration_s)
+
+    def changed(yaw, pitch):
+        def angles(time_s):
+            share = np.interp(time_s, scene.time_s, there_and_back)
+            return np.outer(share, [yaw, pitch, 0])
+
+        turning = replace(scene, motion=ContinuousMotion("tumbling", angles))
+        vectors, _ = NINTH["hanging_tether"].draw(np.random.default_rng(1), turning).change(1e-3, ())
+        return vectors
+
+    tilted = changed(0.5, 1.0)
+    np.testing.assert_allclose(tilted, tilted[::-1], atol=1e-6 * np.abs(tilted).max())
+    assert (np.ptp(tilted, axis=0).max(axis=1) > 0).all()
+    level = changed(1.0, 1e-4)
+    assert np.ptp(level, axis=0).max() < 0.1 * np.abs(level).max()
+
+
+def test_a_sparker_strikes_at_equal_intervals(draw):
+    """A few readings, of the same sensors at once, a whole number of intervals apart."""
+    scene = draw(1, samples=2000)
+    cause = NINTH["seismic_sparker"].draw(np.random.default_rng(1), scene)
+    vectors, scalar = cause.change(1.0, ())
+    struck = vectors[:, [sensor - 1 for sensor in cause.sensors]].any(axis=2)
+    assert (struck == struck[:, :1]).all() and 0.003 < struck.mean() < 0.1 and not scalar.any()
+    apart = np.diff(scene.time_s[struck[:, 0]]) / cause.parameters["interval_s"]
+    assert np.abs(apart - np.round(apart)).max() < 0.7 / 8
+
+
+def test_a_faint_resonance_is_noisy(draw):
+    """The scalar alone, and in some attitudes much more than in others."""
+    scene = draw(2, samples=2000)
+    vectors, scalar = NINTH["faint_resonance"].draw(np.random.default_rng(2), scene).change(1.0, ())
+    loud = np.sort([part.std() for part in np.array_split(scalar, 100)])
+    assert loud[-10] > 2 * loud[10] and not vectors.any()
+
+
+def test_brushes_spark_under_load(draw):
+    """The noise of some sensors goes with the current, and is another in each axis."""
+    scene = draw(1, samples=2000)
+    cause = NINTH["sparking_brushes"].draw(np.random.default_rng(1), scene)
+    vectors, scalar = cause.change(1.0, ())
+    reached = [sensor - 1 for sensor in cause.sensors]
+    heard, load_A = vectors[:, reached].reshape(scene.sample_count, -1), scene.current(scene.time_s)
+    heavy, light = load_A > np.quantile(load_A, 0.7), load_A < np.quantile(load_A, 0.3)
+    assert heard[heavy].std() > 1.5 * heard[light].std() and not scalar.any()
+    assert np.abs(np.corrcoef(heard.T) - np.eye(heard.shape[1])).max() < 0.2
+    assert not np.delete(vectors, reached, axis=1).any()
