@@ -1,6 +1,7 @@
 """The search for the causes of a gap: for each law, the strongest first, an effect that leaves nothing of it.
 
-The effects that may explain a law are offered each in its likeliest form.
+Noise comes after the other laws in its sensors. The effects that may explain a law are offered each in its likeliest
+form.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
