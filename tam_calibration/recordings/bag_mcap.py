@@ -417,12 +417,12 @@ class McapBlockWriter(McapWriter):
     def _add(self, messages: RawMessages) -> None:
         """Add messages to the chunk."""
         chunk, times = self.chunk, messages.recorded_ns
-        offsets = chunk.bio.tell() + np.cumsum(messages.size + _RECORD.itemsize) - messages.size - _RECORD.itemsize
-        chunk.bio.write(_records_of(messages).data)
-        span = int(times.min()), int(times.max())
+        content, begins = _records_of(messages)
+        offsets = chunk.bio.tell() + begins
+        chunk.bio.write(content.data)
         for one in (self, chunk):
-            one.message_start_time = min(one.message_start_time, span[0])
-            one.message_end_time = max(one.message_end_time, span[1])
+            one.message_start_time = min(one.message_start_time, int(times.min()))
+            one.message_end_time = max(one.message_end_time, int(times.max()))
         for channel in dict.fromkeys(messages.connection.tolist()):
             own = messages.connection == channel
             entries: Any = np.column_stack([times[own], offsets[own]])  # as rosbags has them of single messages
@@ -462,19 +462,20 @@ class McapBlockWriter(McapWriter):
         seal(self.path)
 
 
-def _records_of(messages: RawMessages) -> ByteArray:
-    """Return the records of messages, one after another."""
+def _records_of(messages: RawMessages) -> tuple[ByteArray, IntArray]:
+    """Return the records of messages, one after another, and where each begins."""
     heads = np.zeros(len(messages), _RECORD)
     heads["kind"], heads["size"] = MESSAGE, messages.size + MESSAGE_HEAD.size
     heads["channel"], heads["log_ns"] = messages.connection, messages.recorded_ns
     heads["publish_ns"] = messages.recorded_ns
-    ends = np.cumsum(messages.size + _RECORD.itemsize)
-    content = np.empty(int(ends[-1]), np.uint8)
-    windows(content, _RECORD.itemsize)[ends - messages.size - _RECORD.itemsize] = heads.view(f"V{_RECORD.itemsize}")
+    sizes = messages.size + _RECORD.itemsize
+    begins = np.cumsum(sizes) - sizes
+    content = np.empty(int(sizes.sum()), np.uint8)
+    windows(content, _RECORD.itemsize)[begins] = heads.view(f"V{_RECORD.itemsize}")
     for size in np.unique(messages.size[messages.size > 0]).tolist():
         own = np.flatnonzero(messages.size == size)
-        windows(content, size)[ends[own] - size] = windows(messages.block, size)[messages.start[own]]
-    return content
+        windows(content, size)[begins[own] + _RECORD.itemsize] = windows(messages.block, size)[messages.start[own]]
+    return content, begins
 
 
 FILE, WRITER = McapFile, McapBlockWriter
