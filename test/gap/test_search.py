@@ -137,7 +137,7 @@ def test_two_causes_in_one_sensor_are_named(run):
 def test_neither_of_two_laws_has_a_cause_where_one_has_none(run, noise_T):
     """The two may stand for a law that is neither: a jump beside products of the field's components is not named.
 
-    Nor is noise of the same sensor, as beside any open law.
+    Nor is noise of the same sensor, as beside any larger law without a cause.
     """
     clean = run(600)
     field = clean.errors.restore(clean.recording.readings_T).mean(axis=1)
@@ -379,6 +379,17 @@ def test_noise_does_not_hide_a_weaker_cause_in_its_sensor(run):
     assert gap.verdict == "explained"
     assert [cause.fitted.effect for cause in gap.causes] == ["noise_excess", "nonlinearity"]
     assert {cause.sensors for cause in gap.causes} == {(3,)}
+
+
+def test_noise_is_named_beside_a_smaller_law_without_a_cause(run):
+    """What no effect makes, in the axis of which the noise is larger."""
+    made = noisy(run(SAMPLES))
+    x, y, z = direction(made).T
+    made = made.with_row(7, 6e-9 * np.sin(7 * x * y + 5 * z * z) * np.cos(0.2 * made.recording.time_s))
+    judged = judge(made.recording, made.array)
+    laws = [law.signature.law for law in judged.found.laws]
+    assert laws[0] == "noise" and len(laws) > 1
+    assert [cause.fitted.effect for cause in judged.gap.causes] == ["noise_excess"]
 
 
 def test_a_sensor_that_is_rounded_and_noisy_has_an_answer(run):

@@ -133,7 +133,7 @@ def is_white(sequence: FloatArray) -> bool:
     lagged = np.array(
         [sequence[lag:] @ sequence[:-lag] / max(known[lag:] @ known[:-lag].astype(float), 1.0) for lag in lags]
     )
-    # Of 300 samples each autocorrelation has an error of 0.11: of twelve the largest is beyond 0.4 once in 500 times.
+    # Of 300 samples each autocorrelation has an error of 0.11: of twelve the largest is beyond 0.4 once in 400 times.
     return bool((np.abs(lagged * count / power - of_white) < 0.4).all())
 
 
