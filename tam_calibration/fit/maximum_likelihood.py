@@ -27,20 +27,21 @@ from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import Recording, SampleSource
+from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 
 def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
-    """Return what ``principal_form`` tells in the frame of sensor 1: the start of ``maximum_likelihood``.
+    """Return what ``principal_form`` tells of some samples in the frame of sensor 1: where the iteration starts.
 
     Raises
     ------
     InputError
         When the readings determine no ellipsoid, or sensors are mirror images of others.
     """
-    matrix, bias = principal_form(data, vector_noise, scalar_noise)
+    some = data if data.source.sample_count <= SKETCH else replace(data, source=data.source.thinned(SKETCH))
+    matrix, bias = principal_form(some, vector_noise, scalar_noise)
     return into_frame_of_first(matrix[None])[0], bias
 
 

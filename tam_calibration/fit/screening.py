@@ -131,7 +131,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     if recording.sample_count < 50:
         return recording, None
     try:
-        judge = _Judge(estimate, recording, array)
+        judge = _Judge(_estimate, recording, array)
         # Mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit
         # of all.
         if judge.spread < 2.0 and not judge.is_bad(recording).any():
@@ -149,7 +149,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
         for _ in range(MOST_STEPS):
             if not 0 < is_bad.mean() < most:
                 return recording, None
-            judge = _Judge(estimate, recording.take(~is_bad), array)
+            judge = _Judge(_estimate, recording.take(~is_bad), array)
             before, is_bad = is_bad, judge.is_bad(recording)
             if (is_bad == before).all():
                 break
@@ -161,6 +161,10 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     since_s = bad.time_s - recording.time_span_s[0]
     found = LeftOut(since_s, np.flatnonzero(is_bad), judge.worst(bad), len(is_bad), recording.sensor_count)
     return (recording, None) if found.is_event else (recording.take(~is_bad), found)
+
+
+def _estimate(recording: SampleSource, array: Array) -> SensorErrors:
+    return estimate(recording.thinned(SKETCH), array)
 
 
 def _robust_estimate(recording: SampleSource, array: Array) -> SensorErrors:

@@ -43,7 +43,8 @@ class _Column:
         self.count += len(values)
 
     def read(self, start: int, count: int) -> FloatArray:
-        values = np.full((count, *self.shape), np.nan)  # a channel that later pieces lack ends before the others
+        values = np.empty((count, *self.shape))
+        values[max(self.count - start, 0) :] = np.nan  # a channel that later pieces lack ends before the others
         os.preadv(self._file.fileno(), [values.view(np.uint8).reshape(-1).data], start * self._size)
         return values
 

@@ -223,8 +223,8 @@ class MemorySource:
 
 log = logging.getLogger(__name__)
 
-PIECE = 1 << 24
-"""Bytes or characters of a file that are looked at at once."""
+PIECE = 1 << 22
+"""Bytes of a file that are looked at at once."""
 
 
 class Field(NamedTuple):

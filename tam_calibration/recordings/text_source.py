@@ -1,9 +1,10 @@
 """Delimited text of any dialect, and tables of libraries, as rows: columns of numbers with a time each."""
 
+import codecs
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from tam_calibration.model.units import FloatArray
 from tam_calibration.recordings.channel_map import ChannelMap, TextFormat, TimeColumn
 from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.tables import PIECE
-from tam_calibration.recordings.text_dialect import LONGEST_LINE, MISSING, Dialect, cells_of, detect_dialect, is_number
+from tam_calibration.recordings.text_dialect import MISSING, Dialect, cells_of, detect_dialect, is_number
 from tam_calibration.recordings.times import stamps_of_words
 from tam_calibration.recordings.vectors import is_own_column
 
@@ -62,30 +63,34 @@ class TextSource(RowSource):
         time = None if self.time_column is None else self._columns.index(self.time_column)
         is_numeric = time is not None and self.dialect.is_numeric(time) and not self.time_unit.startswith("%")
         wanted = [*numbers, time] if is_numeric and time is not None else numbers
-        line = self.dialect.first_line
-        for text in self._texts():
+        for number, lines in enumerate(self._pieces()):
             with in_file(self.path):
-                values = parse(text, self.dialect, wanted, line)
+                try:
+                    values = parse(lines, self.dialect, wanted)
+                except ValueError:
+                    above = sum(part.count(b"\n") or part.count(b"\r") for part in islice(self._pieces(), number))
+                    raise InputError(_fault(lines, self.dialect, wanted, self.dialect.first_line + above)) from None
                 if time is None:
                     yield None, values
                 elif is_numeric:
                     yield values[:, -1], values[:, :-1]
                 else:
-                    yield words_of(text, self.dialect, time), values
-            line += text.count("\n") + 1
+                    yield words_of(lines, self.dialect, time), values
 
-    def _texts(self) -> Iterator[str]:
-        """Yield the lines of numbers, many at once, without the comments."""
-        comment = self.dialect.comment
-        with readable(self.path), self.path.open(encoding=self.dialect.encoding, newline=None) as file:
-            for _ in range(self.dialect.first_line - 1):
-                file.readline(LONGEST_LINE)
-            while text := file.read(PIECE):
-                text += file.readline(LONGEST_LINE)
-                if comment and comment in text:
-                    text = re.sub(rf"^[ \t]*{re.escape(comment)}.*$", "", text, flags=re.MULTILINE)
-                if text.strip():
-                    yield text.removesuffix("\n")
+    def _pieces(self) -> Iterator[bytes]:
+        """Yield the lines of numbers, many at once, without the comments; those of UTF-16 in UTF-8."""
+        comment, header = re.escape(self.dialect.comment.encode()), self.dialect.first_line - 1
+        with readable(self.path), self.path.open("rb") as file:
+            read = codecs.EncodedFile(file, "utf-8", "utf-16").read if self.dialect.encoding == "utf-16" else file.read
+            rest = read(PIECE).removeprefix(codecs.BOM_UTF8)
+            rest = re.split(rb"\r\n?|\n", rest, maxsplit=header)[-1] if header else rest
+            while rest:
+                end = rest.rfind(b"\n") + 1 or rest.rfind(b"\r", 0, -1) + 1 or len(rest)
+                lines, rest = rest[:end], rest[end:] + read(PIECE)
+                if comment:
+                    lines = re.sub(rb"(?:\A|(?<=[\r\n]))[ \t]*" + comment + rb"[^\r\n]*", b"", lines)
+                if lines and not lines.isspace():
+                    yield lines
 
 
 class FrameSource(RowSource):
@@ -176,29 +181,28 @@ class ParquetReader:
 
 
 _LARGE = 1 << 21
-"""Characters from which pyarrow, which takes a quarter of a second to load and is ten times as fast, is worth it."""
+"""Bytes from which pyarrow, which takes a quarter of a second to load and is ten times as fast, is worth it."""
 
 
-def parse(text: str, dialect: Dialect, columns: Sequence[int], first_line: int) -> FloatArray:
+def parse(piece: bytes, dialect: Dialect, columns: Sequence[int]) -> FloatArray:
     """Return the (n, columns) numbers of lines; NaN where a cell has none.
 
     Raises
     ------
-    InputError
-        It names the first line that is no line of the table.
+    ValueError
+        When a line is no line of the table.
     """
-    if not text.strip() or not columns:
-        return np.empty((sum(bool(line.strip()) for line in text.split("\n")), len(columns)))
-    try:
-        table = _by_arrow(text, dialect, columns) if len(text) > _LARGE and dialect.delimiter != " " else None
-        if table is None:
-            table = _by_numpy(text, dialect, columns)
-    except ValueError:
-        raise InputError(_fault(text, dialect, columns, first_line)) from None
-    return table
+    if not columns:
+        return np.empty((sum(bool(line.strip()) for line in _lines_of(piece)), 0))
+    table = _by_arrow(piece, dialect, columns) if len(piece) > _LARGE and dialect.delimiter != " " else None
+    return _by_numpy(_lines_of(piece), dialect, columns) if table is None else table
 
 
-def _by_arrow(text: str, dialect: Dialect, columns: Sequence[int]) -> FloatArray | None:
+def _lines_of(piece: bytes) -> list[str]:
+    return re.split(r"\r\n?|\n", piece.decode(errors="replace").rstrip("\r\n"))
+
+
+def _by_arrow(piece: bytes, dialect: Dialect, columns: Sequence[int]) -> FloatArray | None:
     """Return the numbers of many lines; None where pyarrow is not installed, or cannot read them."""
     try:
         import pyarrow
@@ -209,7 +213,7 @@ def _by_arrow(text: str, dialect: Dialect, columns: Sequence[int]) -> FloatArray
     chosen = [names[column] for column in columns]
     try:
         table = csv.read_csv(
-            BytesIO(text.encode()),
+            pyarrow.py_buffer(piece),
             csv.ReadOptions(column_names=names),
             csv.ParseOptions(delimiter=dialect.delimiter),
             csv.ConvertOptions(
@@ -221,7 +225,7 @@ def _by_arrow(text: str, dialect: Dialect, columns: Sequence[int]) -> FloatArray
         )
     except pyarrow.ArrowException:
         return None
-    return np.column_stack([_values_of(table[name].combine_chunks()) for name in chosen])
+    return np.array([_values_of(table[name].combine_chunks()) for name in chosen]).T
 
 
 def _values_of(column: "pyarrow.DoubleArray") -> FloatArray:
@@ -230,10 +234,10 @@ def _values_of(column: "pyarrow.DoubleArray") -> FloatArray:
     return np.where(np.from_dlpack(column.is_null().cast("uint8")), np.nan, values) if column.null_count else values
 
 
-def _by_numpy(text: str, dialect: Dialect, columns: Sequence[int]) -> FloatArray:
-    lines = [line for line in text.split("\n") if line.strip()]
+def _by_numpy(lines: Sequence[str], dialect: Dialect, columns: Sequence[int]) -> FloatArray:
+    lines = [line for line in lines if line.strip()]
     cut = None if dialect.delimiter == " " else dialect.delimiter
-    if '"' in text:
+    if any('"' in line for line in lines):
         widths = (len(cells_of(line, dialect.delimiter)) for line in lines)
     else:
         widths = (len(line.split()) if cut is None else line.count(cut) + 1 for line in lines)
@@ -254,17 +258,17 @@ def _row(line: str, delimiter: str, columns: Sequence[int]) -> list[float]:
     return [np.nan if cell in MISSING else float(cell) for cell in chosen]
 
 
-def words_of(text: str, dialect: Dialect, column: int) -> list[str]:
+def words_of(piece: bytes, dialect: Dialect, column: int) -> list[str]:
     """Return the cells of a column."""
-    lines = [line for line in text.split("\n") if line.strip()]
-    if dialect.delimiter != " " and '"' not in text:
+    lines = [line for line in _lines_of(piece) if line.strip()]
+    if dialect.delimiter != " " and b'"' not in piece:
         return [line.split(dialect.delimiter, column + 1)[column].strip() for line in lines]
     return [cells_of(line, dialect.delimiter)[column].strip() for line in lines]
 
 
-def _fault(text: str, dialect: Dialect, columns: Sequence[int], first_line: int) -> str:
+def _fault(piece: bytes, dialect: Dialect, columns: Sequence[int], first_line: int) -> str:
     """Return what is wrong with the first line that is no line of the table."""
-    lines = text.split("\n")
+    lines = _lines_of(piece)
     for number, line in enumerate(lines, start=first_line):
         cells = cells_of(line, dialect.delimiter)
         if line.strip() and len(cells) != len(dialect.names):
