@@ -198,45 +198,48 @@ class _Judge:
         self, fit: Callable[[SampleSource, KnownNoiseArray], SensorErrors], source: SampleSource, array: Array
     ) -> None:
         noisy, some = complete_noise(array, source)[0], source.thinned(SKETCH)
-        self._errors = errors = fit(source, noisy)
+        errors = fit(source, noisy)
         count = errors.sensor_count
-        self._variance_T2, self._scalar_T2 = noisy.vector_noise_T**2, noisy.scalar_noise_T**2
+        self._is_compared = count >= _COMPARED
         self._has_scalar = some.scalar_T is not None  # else it is slower than these samples, and not judged
         self._intensity_T = float(np.median(norm(errors.restore(some.readings_T).mean(axis=1), axis=1)))
-        freedom = np.append(np.full(count, 3 if count >= _COMPARED else 1), 1)
+        unmix = errors.joint_inverse.reshape(count, 3, -1)
+        mean = unmix.mean(axis=0)
+        if self._is_compared:
+            unmix = (unmix - mean) * (count / (count - 1))  # less the mean of the others
+        self._map = np.concatenate([*unmix, mean])
+        self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
+        own_T2, scalar_T2 = noisy.vector_noise_T**2, noisy.scalar_noise_T**2
+        of_others = (own_T2.sum() - own_T2) / (count - 1) ** 2 if self._is_compared else scalar_T2
+        self._variance_T2 = np.append(own_T2 + of_others, own_T2.sum() / count**2 + scalar_T2)[:, None]
+        freedom = np.append(np.full(count, 3 if self._is_compared else 1), 1)
         distances = self._distances(some)
-        scale = np.nanmedian(distances, axis=0) / [_MEDIANS[each] for each in freedom]
-        self.spread = float(np.max(np.nanmean(distances, axis=0) / freedom / np.minimum(scale, 1)))
+        scale = np.nanmedian(distances, axis=1) / [_MEDIANS[each] for each in freedom]
+        self.spread = float(np.max(np.nanmean(distances, axis=1) / freedom / np.minimum(scale, 1)))
         # Probability that a sound recording loses a sample.
         exponent = np.log(distances.size / 1e-3)
         # No χ² is larger with probability exp(-exponent), Laurent and Massart 2000, lemma 1.
         limits = freedom + 2 * np.sqrt(freedom * exponent) + 2 * exponent
         # Median square of the residuals over that of an estimated noise: below lies only rounding.
-        self._limits = limits * np.maximum(scale, 1e-2 if array.vector_noise_T is None else 1.0)
+        self._limits = (limits * np.maximum(scale, 1e-2 if array.vector_noise_T is None else 1.0))[:, None]
 
     def is_bad(self, source: SampleSource) -> NDArray[np.bool_]:
         """Return which samples (N,) hold a reading that contradicts the others."""
-        return np.concatenate([(self._ratios(block) > 1).any(axis=1) for block in source.blocks()])
+        return np.concatenate([(self._ratios(block) > 1).any(axis=0) for block in source.blocks()])
 
     def worst(self, samples: Recording) -> IntArray:
         """Return the sensor (N,), or K for the scalar, that contradicts the others most."""
-        return np.asarray(self._ratios(samples).argmax(axis=1), dtype=np.int64)
+        return np.asarray(self._ratios(samples).argmax(axis=0), dtype=np.int64)
 
     def _ratios(self, samples: Block | Recording) -> FloatArray:
         return np.asarray(np.nan_to_num(self._distances(samples) / self._limits))
 
     def _distances(self, samples: Block | Recording) -> FloatArray:
-        """Return each sensor's and the scalar's squared distances (N, K + 1) from the others, over their variance."""
-        fields, variance_T2 = self._errors.restore(samples.readings_T), self._variance_T2
-        count, total_T2 = len(variance_T2), float(variance_T2.sum())
-        own_T = samples.scalar_T if self._has_scalar else None
-        scalar_T = np.full(len(fields), self._intensity_T) if own_T is None else own_T
-        of_scalar = norm(fields.mean(axis=1), axis=1) - scalar_T
-        if count < _COMPARED:
-            squares = (norm(fields, axis=2) - scalar_T[:, None]) ** 2
-            variance_T2 = variance_T2 + self._scalar_T2
-        else:
-            others = (fields.sum(axis=1, keepdims=True) - fields) / (count - 1)
-            squares = ((fields - others) ** 2).sum(axis=2)
-            variance_T2 = variance_T2 + (total_T2 - variance_T2) / (count - 1) ** 2
-        return np.column_stack([squares / variance_T2, of_scalar**2 / (total_T2 / count**2 + self._scalar_T2)])
+        """Return each sensor's and the scalar's squared distances (K + 1, N) from the others, over their variance."""
+        readings_T = samples.readings_T
+        vectors_T = self._map @ readings_T.reshape(len(readings_T), -1).T + self._offset
+        squares_T2 = (vectors_T**2).reshape(-1, 3, len(readings_T)).sum(axis=1)
+        scalar_T = samples.scalar_T if self._has_scalar and samples.scalar_T is not None else self._intensity_T
+        of_intensity = slice(-1 if self._is_compared else 0, None)
+        squares_T2[of_intensity] = (np.sqrt(squares_T2[of_intensity]) - scalar_T) ** 2
+        return np.asarray(squares_T2 / self._variance_T2)

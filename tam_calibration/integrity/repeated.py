@@ -201,22 +201,23 @@ class FrozenAxes:
     def add(self, block: Block) -> None:
         """Add the samples of a block."""
         self._add_zeros(block)
-        values, index = block.readings_T.reshape(len(block.readings_T), -1), np.arange(len(block.time_s))[:, None]
-        columns = np.arange(values.shape[1])
-        change = np.abs(values - np.vstack([self._last, values[:-1]]))
-        self._step_T = np.min(change, axis=0, where=change > 0, initial=np.inf).clip(max=self._step_T)
+        count, index = len(block.time_s), np.arange(len(block.time_s))
+        values = np.ascontiguousarray(block.readings_T.reshape(count, -1).T)
+        columns = np.arange(len(values))
+        change = np.abs(np.diff(values, prepend=self._last[:, None]))
+        self._step_T = np.min(change, axis=1, where=change > 0, initial=np.inf).clip(max=self._step_T)
         changes = change != 0
-        self._equal += len(values) - changes.sum(axis=0)
+        self._equal += count - np.count_nonzero(changes, axis=1)
         # The run of a sample began at the latest change, which may lie before the block.
-        start = np.maximum.accumulate(np.where(changes, index, self._start - self._count), axis=0)
-        end = (index - start).argmax(axis=0)
-        first, last = start[end, columns], start[-1]
+        start = np.maximum.accumulate(np.where(changes, index, (self._start - self._count)[:, None]), axis=1)
+        end = (index - start).argmax(axis=1)
+        first, last = start[columns, end], start[:, -1]
         since, self._start_s = (
             np.where(one < 0, self._start_s, block.time_s[np.maximum(one, 0)]) for one in (first, last)
         )
-        latest = np.stack([end - first + 1, values[end, columns], since, block.time_s[end]])
+        latest = np.stack([end - first + 1, values[columns, end], since, block.time_s[end]])
         self._longest = np.where(latest[0] > self._longest[0], latest, self._longest)
-        self._start, self._last, self._count = last + self._count, values[-1].copy(), self._count + len(values)
+        self._start, self._last, self._count = last + self._count, values[:, -1].copy(), self._count + count
 
     def _add_zeros(self, block: Block) -> None:
         for sensor in np.flatnonzero((block.readings_T[:, :, 0] == 0).any(axis=0)).tolist():

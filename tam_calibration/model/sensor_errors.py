@@ -207,6 +207,12 @@ class SensorErrors:
         """(K, 3, 3) matrices from readings without bias to the field in the array frame."""
         return np.asarray(inv(self.matrix))
 
+    @property
+    def joint_inverse(self) -> FloatArray:
+        """(3K, 3K) matrix from the readings of all sensors without bias to the fields at them, in the array frame."""
+        size = 3 * self.sensor_count
+        return np.asarray(np.einsum("kl,kij->kilj", np.eye(self.sensor_count), self.inverse).reshape(size, size))
+
     def distort(self, field_T: FloatArray) -> FloatArray:
         """Return the (N, K, 3) readings of the true fields (N, K, 3) at the sensors, or (N, 3) uniform."""
         if field_T.ndim == 2:
@@ -380,8 +386,7 @@ class ResidualSums:
 
     def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
         self._intensity_T, self._sensors = intensity_T, errors.sensor_count
-        # What applies the inverse of each sensor to its own readings.
-        unmix = np.einsum("kl,kij->kilj", np.eye(self._sensors), errors.inverse).reshape(3 * self._sensors, -1)
+        unmix = errors.joint_inverse
         self._map = np.concatenate([unmix, array.operator[[0, 1, 2, *TENSOR_OUTPUTS]] @ unmix])
         self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
         self._intensity, self._known = np.zeros(self._sensors + 1), 0
