@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any, cast
 
-from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, IMU, MAGNETIC_FIELD, sensor_topic
+from tam_calibration.messages.point_cloud import CHANNEL_COLUMNS, CHANNEL_TOPICS, IMU, MAGNETIC_FIELD, sensor_topic
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import (
-    ATTITUDE_COLUMNS,
     POSITION_COLUMNS,
-    RATE_COLUMNS,
     is_further,
     named_by,
     require_further,
@@ -44,8 +42,8 @@ _RATE = re.compile(r"gyr|omega|angular_?vel|(^|[^a-z])w_?[*]", re.I)
 _NO_RATE = re.compile(r"cov|bias|off?s|scale|deriv|delta|integral|acc", re.I)
 """Names of angular velocities, and of vectors in their tables that are none."""
 
-_OF_ARDUPILOT = [("Q1", "Q2", "Q3", "Q4")]
-_QUATERNIONS = {"vehicle_attitude": [("q[0]", "q[1]", "q[2]", "q[3]")], **dict.fromkeys(("XKQ", "NKQ1"), _OF_ARDUPILOT)}
+_OF_ARDUPILOT = ("Q1", "Q2", "Q3", "Q4")
+_QUATERNIONS = {"vehicle_attitude": ("q[0]", "q[1]", "q[2]", "q[3]"), "XKQ": _OF_ARDUPILOT, "NKQ1": _OF_ARDUPILOT}
 """Attitudes of PX4 and ArduPilot: from the body to north-east-down, the real part first."""
 
 
@@ -71,13 +69,11 @@ class Vector:
     @property
     def pick(self) -> Pick:
         """The pick that means it, with the unit that its names or its format state."""
-        path, _, last = self.pattern.rpartition(".")
         if self.table.type == MAGNETIC_FIELD and self.pattern == "magnetic_field.*":
             return pick_of(self.table)
-        unit = unit_in(self.table, self.fields[0])
-        if self.table.is_text or last != "*":
-            return pick_of(self.table, *self.fields, unit=unit)
-        return Pick(topic=self.table.name, instance=self.table.instance, unit=unit, field=path)
+        path, _, last = self.pattern.rpartition(".")
+        fields = self.fields if self.table.is_text or last != "*" else (path,)
+        return pick_of(self.table, *fields, unit=unit_in(self.table, self.fields[0]))
 
 
 def _parts(name: str) -> list[str | int]:
@@ -150,9 +146,8 @@ def attitudes_in(table: Table) -> list[Pick]:
     names, picks = set(table.fields), []
     if table.type == IMU:
         return [pick_of(table, "orientation")]
-    for real, *imaginary in _QUATERNIONS.get(table.name, ()):
-        if {real, *imaginary} <= names:
-            picks.append(pick_of(table, *imaginary, real, world="ned"))
+    if (known := _QUATERNIONS.get(table.name)) and set(known) <= names:
+        picks.append(pick_of(table, *known[1:], known[0], world="ned"))
     for field in table.fields:
         for match in re.finditer("w", field, re.I):
             letters = "xyz" if match[0] == "w" else "XYZ"
@@ -174,19 +169,13 @@ def shortened(names: Sequence[str], between: str = ", ", most: int = 12) -> str:
 
 
 _OWN_FIELD = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
-_OWN_CHANNELS = {"temperature": "temperature_C", "current": "current_A"}
-_OWN_VECTORS = {
-    ATTITUDE_COLUMNS: "attitude",
-    RATE_COLUMNS: "gyroscope",
-    POSITION_COLUMNS: "position",
-    GEOGRAPHIC_COLUMNS: "position",
-}
-"""Channels of several columns, by these."""
+_OWN_COLUMNS = [*(pair for pair in CHANNEL_COLUMNS.items() if pair[0] != "scalar"), ("position", GEOGRAPHIC_COLUMNS)]
+"""Channels and their columns, but for the scalar, whose unit may be any."""
 
 
 def is_own_column(name: str) -> bool:
     """Return whether a column has one of the names of ours."""
-    known = ("time_s", *chain(*_OWN_VECTORS), *_OWN_CHANNELS.values())
+    known = ("time_s", *chain(*(columns for _, columns in _OWN_COLUMNS)))
     return name in known or is_further(name) or _OWN_FIELD.fullmatch(name) is not None
 
 
@@ -216,16 +205,16 @@ def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
         if len(units) > 1:
             raise InputError(f"the columns of sensor {number} are in {' and '.join(sorted(units))}: give them one unit")
         sensors.append(Pick(columns=[match[0] for match in axes if match], unit=cast(FieldUnit, units.pop())))
-    channels: dict[str, Any] = {name: Pick(column=column) for name, column in _OWN_CHANNELS.items() if column in fields}
+    channels: dict[str, Any] = {}
     if scalar := matches.get("scalar"):
         channels["scalar"] = Pick(column=scalar[0], unit=cast(FieldUnit, scalar[3]))
     if set(POSITION_COLUMNS) & set(fields) and set(GEOGRAPHIC_COLUMNS) & set(fields):
         raise InputError("the position is there twice: keep x_m, y_m, z_m or lat_deg, lon_deg, depth_m")
-    for columns, channel in _OWN_VECTORS.items():
+    for channel, columns in _OWN_COLUMNS:
         if set(columns) & set(fields):
             if missing := [name for name in columns if name not in fields]:
                 raise InputError(f"column {missing[0]} is missing (of {', '.join(columns)})")
-            channels[channel] = Pick(columns=list(columns))
+            channels[channel] = pick_of(tables[0], *columns)
     further = {name: Pick(column=name) for name in require_further(filter(is_further, fields))}
     return ChannelMap(sensors=sensors, further=further, **channels)
 
