@@ -24,8 +24,6 @@ from tam_calibration.recordings.channel_map import Pick
 Axes = Literal["local", "altitude", "depth"]
 """Three numbers of a position: metres along three axes, or latitude and longitude in degrees with altitude or depth."""
 
-LOCAL: Axes = "local"
-
 GEOGRAPHIC_COLUMNS = ("lat_deg", "lon_deg", "depth_m")
 """Columns of a geographic position in a table."""
 
@@ -44,48 +42,6 @@ def axes_of(fields: Sequence[str]) -> Axes:
     if not fields[0].lower().startswith("lat"):
         return "local"
     return "depth" if fields[-1].lower().startswith("depth") else "altitude"
-
-
-class Navigation:
-    """Turns positions into metres east, north and up; geographic ones count from an origin.
-
-    Parameters
-    ----------
-    axes : {"local", "altitude", "depth"}
-        What the three numbers of a position are.
-    world : {"enu", "ned"}
-        Of local positions: the order of their axes.
-    origin : (3,) array, optional
-        Latitude and longitude, degrees, and height, metres; the first position where it is not given.
-    """
-
-    def __init__(self, axes: Axes, world: str, origin: FloatArray | None = None) -> None:
-        self._axes, self._is_ned = axes, world == "ned"
-        self._origin = origin
-
-    def local_m(self, raw: FloatArray) -> FloatArray:
-        """Return positions (n, 3) east, north and up, metres; NaN where a number is missing.
-
-        Parameters
-        ----------
-        raw : (n, 3) array
-            As recorded.
-
-        Raises
-        ------
-        InputError
-            When a latitude or longitude is beyond what there is.
-        """
-        if self._axes == "local":
-            return raw[:, [1, 0, 2]] * [1.0, 1.0, -1.0] if self._is_ned else raw
-        known = np.flatnonzero(np.isfinite(raw).all(axis=1))
-        places = raw[known] * [1.0, 1.0, -1.0 if self._axes == "depth" else 1.0]
-        _require_degrees(places)
-        local = np.full(raw.shape, np.nan)
-        if len(known):
-            self._origin = places[0] if self._origin is None else self._origin
-            local[known] = east_north_up(places, self._origin)
-        return local
 
 
 def _require_degrees(places: FloatArray) -> None:
@@ -165,7 +121,8 @@ class Intake:
     axes : {"local", "altitude", "depth"}
         What the three numbers of a position are.
     origin : (3,) array, optional
-        From which geographic positions count.
+        Latitude and longitude, degrees, and height, metres, from which geographic positions count; the first position
+        where it is not given.
     """
 
     stream: str
@@ -173,7 +130,7 @@ class Intake:
     bounds: FieldBounds
     unwrap: bool
     doubtful: str = ""
-    axes: Axes = LOCAL
+    axes: Axes = "local"
     origin: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -182,7 +139,6 @@ class Intake:
         self._factor = self.pick.factor if is_of_field(self.stream) else 1.0
         self._range: Range | None = None
         self._counter: Counter | None = None
-        self._navigation = Navigation(self.axes, self.pick.world, self.origin)
 
     @property
     def is_detected(self) -> bool:
@@ -200,13 +156,14 @@ class Intake:
         Raises
         ------
         InputError
-            When the unit is not stated and cannot be detected, or a counter overflows and is not to be unwrapped.
+            When the unit is not stated and cannot be detected, a counter overflows and is not to be unwrapped, or a
+            latitude or longitude is beyond what there is.
         """
         if self.stream == "scalar" and raw.shape[1] == 3:
             raw = np.sqrt(np.sum(raw**2, axis=1, keepdims=True))
         codes = codes_of(self.stream, raw)
         if self.stream == "position":
-            return self._navigation.local_m(raw), codes
+            return self._local_m(raw), codes
         is_there = (codes == 0) & ~np.isnan(raw[:, 0])  # a sensor's reading that is NaN has a code
         if not is_there.all():
             raw = np.where(is_there[:, None], raw, np.nan)
@@ -220,6 +177,19 @@ class Intake:
             self.unit = self._detected(raw[is_there & (codes == 0)])
             self._factor = TESLA_PER_FIELD_UNIT[self.unit]
         return in_si(self.stream, raw, 1.0 if self._factor is None else self._factor, self.pick.world), codes
+
+    def _local_m(self, raw: FloatArray) -> FloatArray:
+        """Return positions (n, 3) east, north and up, metres; NaN where a number is missing."""
+        if self.axes == "local":
+            return raw[:, [1, 0, 2]] * [1.0, 1.0, -1.0] if self.pick.world == "ned" else raw
+        known = np.flatnonzero(np.isfinite(raw).all(axis=1))
+        places = raw[known] * [1.0, 1.0, -1.0 if self.axes == "depth" else 1.0]
+        _require_degrees(places)
+        local = np.full(raw.shape, np.nan)
+        if len(known):
+            self.origin = places[0] if self.origin is None else self.origin
+            local[known] = east_north_up(places, self.origin)
+        return local
 
     def _detected(self, raw: FloatArray) -> str:
         """Return the unit in which the readings have the size of the field.
