@@ -151,7 +151,7 @@ class PartialCorrection:
         recording : Recording
             Raw readings, tesla; those of missing sensors do not matter.
         codes : (N,) array of int
-            Of `missing_codes`.
+            Of `missing_codes`; the result has None instead where no sample lacks any.
 
         Raises
         ------
@@ -167,7 +167,7 @@ class PartialCorrection:
         self.put(outputs, readings, codes)
         covariances = {code: self.without(code).covariance for code in np.unique(codes[codes > 0]).tolist()}
         errors = self._calibration.output_standard_errors
-        return Corrected(recording.time_s, outputs, errors, codes, covariances)
+        return Corrected(recording.time_s, outputs, errors, codes if codes.any() else None, covariances)
 
     def put(self, outputs: FloatArray, readings_T: FloatArray, codes: IntArray) -> None:
         """Put the outputs of samples that lack sensors in their places.

@@ -164,13 +164,7 @@ def correct_file(
     for samples in pieces:
         codes = failing.codes_of(samples.recording.time_s, samples.recording.readings_T)
         codes |= 0 if samples.missing is None else samples.missing
-        if codes.any():
-            corrected = partial.correct(samples.recording, codes)
-        elif calibration.effects:
-            corrected = calibration.correct(samples.recording)
-        else:
-            outputs = calibration.apply(samples.recording.readings_T)
-            corrected = Corrected(samples.recording.time_s, outputs, calibration.output_standard_errors)
+        corrected = partial.correct(samples.recording, codes)
         clean = calibration.without_effects(samples.recording) if calibration.effects else samples.recording
         try:
             samples.recording.check_units(calibration.array.field)
