@@ -7,13 +7,11 @@ What a process that was killed left there is removed by the next one that writes
 import errno
 import fcntl
 import json
-import math
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from stat import S_IMODE
 from tempfile import gettempdir, mkdtemp
 from typing import Any
 
@@ -202,27 +200,23 @@ def _put_in_place(moves: Mapping[Path, Path], replaces_folders: bool = False) ->
     """
     with postponed(), ExitStack() as undo:
         for place in moves:
-            _sync(place)
+            for part in (*place.rglob("*"), place):
+                _sync(part)
         for place, path in moves.items():
             older = place.with_name(f"{path.name}{_OLDER}")
             if path.is_dir() and replaces_folders:
-                _take_mode(place, path)
+                shutil.copymode(path, place)
                 os.rename(path, older)
                 undo.callback(os.rename, older, path)
             elif os.path.lexists(path) and not path.is_dir():
-                _take_mode(place, path)
+                shutil.copymode(path, place)
                 _keep(path, older)
                 undo.callback(os.replace, older, path)
             os.replace(place, path)
             undo.callback(os.replace, path, place)
         for folder in {path.parent for path in moves.values()}:
-            _sync_alone(folder)
+            _sync(folder)
         undo.pop_all()
-
-
-def _take_mode(place: Path, older: Path) -> None:
-    """Give a new file or folder the permissions of the one that it replaces."""
-    os.chmod(place, S_IMODE(older.stat().st_mode))
 
 
 def _keep(path: Path, older: Path) -> None:
@@ -254,14 +248,7 @@ def replace_folder(place: Path, path: Path) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file, or a folder with all that it contains, is on the disk."""
-    if path.is_dir():
-        for part in path.iterdir():
-            _sync(part)
-    _sync_alone(path)
-
-
-def _sync_alone(path: Path) -> None:
+    """Wait until a file, or the list of what a folder contains, is on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -407,15 +394,8 @@ def write_text(path: Path, text: str) -> None:
 
 def to_json(content: Mapping[str, Any]) -> str:
     """Return JSON text; NaN and infinity, which JSON has not, become null."""
-    return json.dumps(_without_nan(content), ensure_ascii=False, indent=1)
-
-
-def _without_nan(content: Any) -> Any:
-    if isinstance(content, Mapping):
-        return {key: _without_nan(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_without_nan(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
+    plain = json.loads(json.dumps(content), parse_constant=lambda name: None)
+    return json.dumps(plain, ensure_ascii=False, indent=1)
 
 
 def configuration_folder() -> Path:
