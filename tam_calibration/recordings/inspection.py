@@ -18,13 +18,14 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
 from tam_calibration.recordings import oddities
-from tam_calibration.recordings.channel_map import ChannelMap, Clock, Pick, TextFormat, TimeColumn, map_to_mapping
+from tam_calibration.recordings.channel_map import ChannelMap, Pick, TextFormat, TimeColumn, map_to_mapping
 from tam_calibration.recordings.choice import Choice, choose, reason, resolve
 from tam_calibration.recordings.intake import field_size, is_of_field, likely_unit, size_doubt
+from tam_calibration.recordings.joining import Streams
 from tam_calibration.recordings.oddities import Series, read_messages, read_rows, thinned
 from tam_calibration.recordings.recording_file import open_source, rows_of
 from tam_calibration.recordings.row_source import NO_TIME_RATE_HZ, RowSource
-from tam_calibration.recordings.tables import Columns, MemorySource, Source, Wanted
+from tam_calibration.recordings.tables import Columns, MemorySource, Source
 from tam_calibration.recordings.text_source import TextSource
 from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_in, vectors_in
 
@@ -219,6 +220,11 @@ def _listed(names: Sequence[tuple[bool, str]]) -> str:
     return ", ".join([*listed[:_NAMES], *more])
 
 
+def _name_of(stream: str) -> str:
+    """Return the name of what is taken as a stream, such as ``sensor 1`` or ``scalar``."""
+    return in_words(stream).removeprefix("the ")
+
+
 def unit_doubt(stream: str, channel: InspectedChannel, is_sure: bool) -> str:
     """Return why the unit of a field has to be stated; empty where it is known.
 
@@ -401,28 +407,25 @@ class _Inspecting:
 
     def __init__(self, source: Source, series: Sequence[Series], array: Array | None) -> None:
         self._bounds = EARTH_FIELD if array is None else array.field
-        self.choice, self._wanted, self._fault = Choice(None), dict[str, Wanted](), ""
-        self._clock: Clock = "stamp"
+        self.choice, self._streams, self._fault = Choice(None), Streams({}, {}, "stamp"), ""
         try:
             frame_ids = None if array is None else array.mounting.frame_ids
             self.choice = choose(source, None if array is None else array.sensor_count, frame_ids)
             if self.choice.channel_map is not None:
-                streams = resolve(source, self.choice.channel_map)
-                self._wanted, self._clock = dict(streams.wanted), streams.clock
+                self._streams = resolve(source, self.choice.channel_map)
         except InputError as problem:
             self._fault = str(problem)
         by_table = {each.table.key: each for each in series}
-        self._of_streams = {stream: by_table[wanted.table.key] for stream, wanted in self._wanted.items()}
+        self._of_streams = {stream: by_table[wanted.table.key] for stream, wanted in self._streams.wanted.items()}
         times = [each.times_ns for each in series if each.times_ns is not None and len(each.times_ns)]
         self._begin_ns = min((int(each.min()) for each in times), default=0)
         self.duration_s = (max(int(each.max()) for each in times) - self._begin_ns) / 1e9 if times else float("nan")
-        found: dict[str, InspectedChannel] = {}
         with np.errstate(all="ignore"):  # columns of any meaning hold numbers of any size
-            self.tables = tuple(self._table(each, found) for each in series)
-        self.channels = {stream: found[stream] for stream in self._wanted if stream in found}
+            self.tables = tuple(self._table(each) for each in series)
+        taken = {channel.taken_as: channel for table in self.tables for channel in table.channels}
+        self.channels = {stream: taken[name] for stream in self._streams.wanted if (name := _name_of(stream)) in taken}
 
-    def _table(self, series: Series, found: dict[str, InspectedChannel]) -> InspectedTable:
-        """Return what a table contains, and add those of its channels that are taken, by their streams."""
+    def _table(self, series: Series) -> InspectedTable:
         table, times_ns = series.table, series.times_ns
         count = table.count if table.count is not None else len(series.values) or None
         span_s = self.duration_s if times_ns is None or not len(times_ns) else float(np.ptp(times_ns)) / 1e9
@@ -432,8 +435,6 @@ class _Inspecting:
         for fields, stream in self._channels_of(series):
             is_field = is_of_field(stream) if stream else fields in magnetic
             channels.append(self._channel(series, fields, stream, is_field))
-            if stream:
-                found[stream] = channels[-1]
         time = "the recorder's times" if series.are_stamps_zero else series.time
         return InspectedTable(
             table.title, table.type, count, rate_hz, time, tuple(oddities.of_times(series)), tuple(channels)
@@ -442,7 +443,8 @@ class _Inspecting:
     def _channels_of(self, series: Series) -> Iterator[tuple[tuple[str, ...], str]]:
         """Yield the fields of each channel and its stream: first those that are taken, then vectors, then numbers."""
         free = set(series.fields)
-        taken = [(each.fields, stream) for stream, each in self._wanted.items() if each.table.key == series.table.key]
+        wanted = self._streams.wanted.items()
+        taken = [(each.fields, stream) for stream, each in wanted if each.table.key == series.table.key]
         vectors = [vector.fields for vector in vectors_in(series.table)]
         quaternions = [tuple(map(str, pick.paths)) for pick in attitudes_in(replace(series.table, type=""))]
         for fields, stream in [*taken, *((each, "") for each in (*vectors, *quaternions, *zip(series.fields)))]:
@@ -459,11 +461,9 @@ class _Inspecting:
         unit = likely_unit(size, stated, self._bounds)
         seen = there if len(there) else np.full((1, len(fields)), np.nan)
         low, high = tuple(seen.min(axis=0).tolist()), tuple(seen.max(axis=0).tolist())
-        name = in_words(stream).removeprefix("the ") if stream else ""
-        odd, course = (
-            tuple(oddities.of_readings(values, is_field, codes, series.times_ns)),
-            self._course(series, values),
-        )
+        name = _name_of(stream) if stream else ""
+        odd = tuple(oddities.of_readings(values, is_field, codes, series.times_ns))
+        course = self._course(series, values)
         return InspectedChannel(fields, name, low, high, size, unit, stated, missing, odd, course)
 
     def _course(self, series: Series, values: FloatArray) -> Course:
@@ -496,18 +496,18 @@ class _Inspecting:
         """Return which two of the streams that are joined by stamps have none at the same time; empty of none."""
         own = {stream: each.stamps_ns for stream, each in self._of_streams.items()}
         stamped = [(in_words(name), each) for name, each in own.items() if each is not None and len(each)]
-        return oddities.without_overlap(stamped) if stamped and self._clock == "stamp" else ""
+        return oddities.without_overlap(stamped) if stamped and self._streams.clock == "stamp" else ""
 
     @property
     def is_received(self) -> bool:
         """Whether messages have to be joined by the recorder's times."""
         has_clock = any(each.received_ns is not None for each in self._of_streams.values())
-        return has_clock and (self._clock == "received" or self._apart != "")
+        return has_clock and (self._streams.clock == "received" or self._apart != "")
 
     def reasons(self) -> Iterator[str]:
         """Yield what is taken for what, and why."""
         for stream, channel in self.channels.items():
-            wanted = self._wanted[stream]
+            wanted = self._streams.wanted[stream]
             what = ", ".join(part for part in (wanted.table.title, channel.title) if part)
             how = "stated" if channel.is_unit_stated else "detected by the size of the field"
             size = channel.size * channel.nanotesla
