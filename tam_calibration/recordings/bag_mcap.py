@@ -130,7 +130,6 @@ class End(NamedTuple):
     place: int
     summary: int
     summary_crc: int
-    footer: bytes
 
 
 def read_end(file: BinaryIO) -> End | None:
@@ -138,9 +137,8 @@ def read_end(file: BinaryIO) -> End | None:
     if file.seek(0, 2) < _END.size:
         return None
     place = file.seek(-_END.size, 2)
-    content = file.read()
-    kind, length, summary, _, crc, magic = _END.unpack(content)
-    return End(place, summary, crc, content) if (kind, length, magic) == (FOOTER, 20, MAGIC) else None
+    kind, length, summary, _, crc, magic = _END.unpack(file.read())
+    return End(place, summary, crc) if (kind, length, magic) == (FOOTER, 20, MAGIC) else None
 
 
 def crc_of_data(file: BinaryIO, end: End) -> tuple[int, int]:
@@ -153,7 +151,7 @@ def crc_of_data(file: BinaryIO, end: End) -> tuple[int, int]:
 
 def crc_of_summary(file: BinaryIO, end: End) -> int:
     """Return the CRC-32 of the summary of a file, and of the footer as far as that goes before it."""
-    return crc32(end.footer[: -len(MAGIC) - 4], _crc_of(file, end.summary or end.place, end.place))
+    return _crc_of(file, end.summary or end.place, end.place + _END.size - len(MAGIC) - 4)
 
 
 def seal(path: Path) -> None:

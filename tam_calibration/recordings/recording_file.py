@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from importlib.metadata import entry_points
 from os import path as paths
 from pathlib import Path
@@ -127,14 +127,12 @@ def provenance(path: Path) -> Provenance:
         When the folder is no bag.
     """
     path = Path(path).resolve()
-    digest, size = sha256(), 0
+    digest = sha256()
     parts = data_files(path) if is_bag(path) else sorted(path.iterdir()) if path.is_dir() else [path]
     for part in parts:
         with part.open("rb") as file:
-            while block := file.read(1 << 20):
-                digest.update(block)
-                size += len(block)
-    return Provenance(printable(path.name), size, digest.hexdigest())
+            file_digest(file, lambda: digest)
+    return Provenance(printable(path.name), sum(part.stat().st_size for part in parts), digest.hexdigest())
 
 
 def read_recording(
