@@ -27,7 +27,7 @@ from tam_calibration.correction.calibration import Calibration, without_rows
 from tam_calibration.correction.parts import Corrected
 from tam_calibration.effects.effect import LinearEffect
 from tam_calibration.effects.library import effect_named
-from tam_calibration.effects.removal import EffectStream, linear_effect, of_array, removable
+from tam_calibration.effects.removal import EffectStream, linear_effect, of_array
 from tam_calibration.model.array import OUTPUT_NAMES, UNIT_TENSORS
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, first_at
 from tam_calibration.model.recording import Recording, channel_in_words
@@ -440,8 +440,7 @@ class Correction:
         self._calibration, self.partial = calibration, PartialCorrection(calibration)
         self.contradiction = ContradictionSearch(calibration)
         sizes = zip(calibration.effects, calibration.effect_sizes, strict=True)
-        removed = {id(fitted) for fitted in removable(calibration.effects) if not linear_effect(fitted).is_of_site}
-        kept = [(fitted, size.rms) for fitted, size in sizes if id(fitted) in removed]
+        kept = [(fitted, size.rms) for fitted, size in sizes if of_array([fitted])]
         kept.sort(key=lambda one: not linear_effect(one[0]).is_causal)
         live = [fitted for fitted, _ in kept if linear_effect(fitted).is_causal]
         self.takes_off = tuple(fitted.effect for fitted, _ in kept)
@@ -488,12 +487,10 @@ class Correction:
             added = self._stream.added(recording)
             recording = without_rows(recording, added.rows_T)
             is_left[:, : added.is_known.shape[1]] = ~added.is_known
-        readings, variance = recording.readings_T, is_left @ self._squares
-        outputs = self._calibration.apply(readings)
-        if codes is None:
-            variance = self._calibration.output_standard_errors**2 + variance
-        else:
-            self.partial.put(outputs, readings, codes)
-            variance = np.square(self.partial.standard_errors(codes)) + self.partial.growth(codes) * variance
+        codes = np.zeros(recording.sample_count, dtype=np.int64) if codes is None else codes
+        outputs = self._calibration.apply(recording.readings_T)
+        self.partial.put(outputs, recording.readings_T, codes)
+        variance = self.partial.growth(codes) * (is_left @ self._squares)
+        variance += np.square(self.partial.standard_errors(codes))
         left_in = tuple(name for name, left in zip(self.takes_off, is_left.T, strict=True) if left.any())
         return CorrectedBatch(outputs, np.sqrt(variance), left_in, recording.scalar_T)
