@@ -68,11 +68,8 @@ def open_source(path: Path, channel_map: ChannelMap | None = None) -> Iterator[S
     """
     if not paths.lexists(path):
         raise InputError(f"there is no file or bag {path}")
-    names = [] if channel_map is None else channel_map.files
-    if names:
-        folder = path if path.is_dir() else path.parent
-        with open_files([folder / name for name in names], channel_map) as source:
-            yield source
+    if channel_map is not None and channel_map.files:
+        yield _joined_files(path if path.is_dir() else path.parent, channel_map)
         return
     require_regular(path)
     beginning = b""
@@ -86,21 +83,20 @@ def open_source(path: Path, channel_map: ChannelMap | None = None) -> Iterator[S
         yield source
 
 
-@contextmanager
-def open_files(files: list[Path], channel_map: ChannelMap | None = None) -> Iterator[Source]:
-    """Open several files of rows as one recording, each a table by its name, which are joined by time.
+def _joined_files(folder: Path, channel_map: ChannelMap) -> MemorySource:
+    """Return the files that a map names as one recording, each a table by its name, which are joined by time.
 
     Raises
     ------
     InputError
         When one is missing, damaged or contains no rows.
     """
-    alone = None if channel_map is None else ChannelMap(sensors=[Pick()], time=channel_map.time, text=channel_map.text)
+    alone = ChannelMap(sensors=[Pick()], time=channel_map.time, text=channel_map.text)
     columns = []
-    for file in files:
+    for file in [folder / name for name in channel_map.files]:
         with open_source(file, alone) as source, in_file(file):
             columns.append(rows_of(source).in_memory(file.name))
-    yield MemorySource(files[0].parent, f"{len(files)} files", columns)
+    return MemorySource(folder, f"{len(columns)} files", columns)
 
 
 def rows_of(source: Source) -> RowSource:
