@@ -191,10 +191,10 @@ def _require_topics(bag: BagReader, metadata: bag_storages.Metadata | None) -> N
     if metadata is None:
         return
     found = {one.topic: serialisation_of(one) for one in bag.topics if one.msgcount}
-    for topic, count in metadata.counts.items():
+    for topic, (count, stated) in metadata.topics.items():
         if count and topic not in found:
             raise Damaged(f"the metadata count {quoted(count)} messages of {topic}, which no file has")
-        if (stated := metadata.serialisations[topic]) != found.get(topic, stated):
+        if stated != found.get(topic, stated):
             raise Damaged(f"{topic} is serialised as {quoted(found[topic])}, and as {quoted(stated)} by the metadata")
 
 

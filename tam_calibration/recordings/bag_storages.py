@@ -247,15 +247,12 @@ class Metadata:
     ----------
     files : tuple of str
         Names of the data files, in their order.
-    counts : dict of str to int
-        Messages of each topic.
-    serialisations : dict of str to str
-        How the messages of each topic are serialised.
+    topics : dict of str to (int, str)
+        Number of the messages of each topic, and how they are serialised.
     """
 
     files: tuple[str, ...]
-    counts: dict[str, int]
-    serialisations: dict[str, str]
+    topics: dict[str, tuple[int, str]]
 
 
 def read_metadata(folder: Path) -> Metadata | None:
@@ -263,10 +260,11 @@ def read_metadata(folder: Path) -> Metadata | None:
     try:
         information = parse_mapping(read_text(folder / METADATA))["rosbag2_bagfile_information"]
         files = dict.fromkeys(Path(str(path)).name for path in information["relative_file_paths"])
-        topics = {str(each["topic_metadata"]["name"]): each for each in information["topics_with_message_count"]}
-        counts = {name: each["message_count"] for name, each in topics.items()}
-        serialisations = {name: str(each["topic_metadata"]["serialization_format"]) for name, each in topics.items()}
-        return Metadata(tuple(files), counts, serialisations)
+        topics = {}
+        for each in information["topics_with_message_count"]:
+            topic = each["topic_metadata"]
+            topics[str(topic["name"])] = each["message_count"], str(topic["serialization_format"])
+        return Metadata(tuple(files), topics)
     except (InputError, LookupError, TypeError):
         return None
 
