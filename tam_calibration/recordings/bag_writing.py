@@ -2,7 +2,7 @@
 
 import logging
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -130,9 +130,8 @@ def write_bag_recording(path: Path, recording: Recording, storage: str = DEFAULT
     ):
         if values is not None:
             streams[channel] = values.reshape(len(values), -1)
-    topics = [(*topic_and_type(stream), values) for stream, values in streams.items()]
     with write_bag(path, storage) as writer:
-        _write_rows(writer, stamps_ns, [(f"/{topic}", msgtype, values) for topic, msgtype, values in topics])
+        _write_rows(writer, stamps_ns, streams)
 
 
 def _imu_rows(recording: Recording) -> FloatArray | None:
@@ -152,9 +151,10 @@ def _imu_rows(recording: Recording) -> FloatArray | None:
     return None if np.isnan(numbers).all() else numbers
 
 
-def _write_rows(writer: BlockWriter, stamps_ns: IntArray, topics: Sequence[tuple[str, str, FloatArray]]) -> None:
-    """Write a message for each row of each topic, sample by sample; rows with NaN are left out."""
-    ids = [writer.add_connection(topic, msgtype, typestore=TYPESTORE).id for topic, msgtype, _ in topics]
+def _write_rows(writer: BlockWriter, stamps_ns: IntArray, streams: Mapping[str, FloatArray]) -> None:
+    """Write a message for each row of each stream, sample by sample; rows with NaN are left out."""
+    topics = [(*topic_and_type(stream), values) for stream, values in streams.items()]
+    ids = [writer.add_connection(f"/{topic}", msgtype, typestore=TYPESTORE).id for topic, msgtype, _ in topics]
     for piece in pieces(len(stamps_ns)):
         parts, places = [], []
         for number, (_, msgtype, values) in zip(ids, topics, strict=True):
