@@ -197,14 +197,13 @@ def own_columns(tables: Sequence[Table]) -> ChannelMap | None:
     require_sensor_count(max(numbers))
     sensors = []
     for number in range(1, max(numbers) + 1):
-        axes = [matches.get(f"b{number}{axis}") for axis in "xyz"]
-        for axis, match in zip("xyz", axes, strict=True):
-            if match is None:
-                raise InputError(f"column b{number}{axis}_nT is missing (of {max(numbers)} sensors)")
-        units = {match[3] for match in axes if match}
+        names = [f"b{number}{axis}" for axis in "xyz"]
+        if missing := [name for name in names if name not in matches]:
+            raise InputError(f"column {missing[0]}_nT is missing (of {max(numbers)} sensors)")
+        units = {matches[name][3] for name in names}
         if len(units) > 1:
             raise InputError(f"the columns of sensor {number} are in {' and '.join(sorted(units))}: give them one unit")
-        sensors.append(Pick(columns=[match[0] for match in axes if match], unit=cast(FieldUnit, units.pop())))
+        sensors.append(Pick(columns=[matches[name][0] for name in names], unit=cast(FieldUnit, units.pop())))
     channels: dict[str, Any] = {}
     if scalar := matches.get("scalar"):
         channels["scalar"] = Pick(column=scalar[0], unit=cast(FieldUnit, scalar[3]))
