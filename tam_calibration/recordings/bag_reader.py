@@ -10,12 +10,11 @@ from functools import lru_cache
 from glob import escape
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 from weakref import finalize
 
 import numpy as np
 from rosbags.interfaces import Connection
-from zstandard import BufferWithSegments, ZstdDecompressor, frame_content_size
+from zstandard import ZstdDecompressor, frame_content_size
 
 from tam_calibration.files.text_files import require_regular, temporary_place, unfinished
 from tam_calibration.messages.cdr import RawMessages
@@ -300,10 +299,9 @@ def _unpacked(messages: RawMessages) -> RawMessages:
     for each, size in zip(packed, sizes, strict=True):
         check_piece(len(each), size, "a message")
     check_piece(int(messages.size.sum()), sum(sizes), f"a block of {len(packed)} messages")
-    content: Any
-    if min(sizes) < 0:
-        content = [unpack_bounded(each, "zstd", "a message") for each in packed]
-    else:
-        segments = np.column_stack([messages.start, messages.size]).astype("<u8").tobytes()
-        content = ZstdDecompressor().multi_decompress_to_buffer(BufferWithSegments(messages.block.data, segments))
-    return RawMessages.of(messages.connection, messages.recorded_ns, list(content))
+    decompressor = ZstdDecompressor()
+    content = [
+        unpack_bounded(each, "zstd", "a message") if size < 0 else decompressor.decompress(each)
+        for each, size in zip(packed, sizes, strict=True)
+    ]
+    return RawMessages.of(messages.connection, messages.recorded_ns, content)
