@@ -38,11 +38,9 @@ def _imu_values(
     paths: tuple[str, ...], stamps: IntArray | None, numbers: FloatArray
 ) -> tuple[IntArray | None, FloatArray]:
     """Return what paths mean of the (n, 9) numbers of an IMU; NaN where a covariance of -1 says that it has none."""
-    has_no_attitude = (numbers[:, 4] == -1) | ~numbers[:, :4].any(axis=1)
-    attitude = np.where(has_no_attitude[:, None], np.nan, numbers[:, :4])
-    rates = np.where((numbers[:, 8] == -1)[:, None], np.nan, numbers[:, 5:8])
-    chosen = [part for part, own in ((attitude, _ORIENTATION), (rates, _RATES)) if own[0] in paths]
-    return stamps, np.column_stack(chosen)
+    numbers[(numbers[:, 4] == -1) | ~numbers[:, :4].any(axis=1), :4] = np.nan
+    numbers[numbers[:, 8] == -1, 5:8] = np.nan
+    return stamps, numbers[:, [_IMU_NUMBERS.index(path) for path in paths]]
 
 
 class BagSource:
