@@ -387,6 +387,10 @@ class Reading:
     origin : tuple of float, optional
         Latitude and longitude, degrees, and height, metres, from which geographic positions count; from their first
         where it is not given.
+    sensor_count : int, optional
+        Number of sensors that there must be, where no array says it.
+    with_partial : bool
+        Whether samples are kept that lack a sensor that was silent, or whose reading is missing.
     """
 
     channel_map: ChannelMap | None = None
@@ -396,6 +400,8 @@ class Reading:
     tolerance_s: float = 0.0
     files: tuple[Path, ...] = ()
     origin: tuple[float, float, float] | None = None
+    sensor_count: int | None = None
+    with_partial: bool = False
 
 
 AS_IT_IS = Reading()

@@ -106,15 +106,10 @@ class Joining:
         How it is read.
     array : Array, optional
         Whose delays are taken off, and into whose axes readings and attitude are turned.
-    with_partial : bool
-        Whether samples are kept that lack a sensor that was silent, or whose reading is missing.
     """
 
-    def __init__(
-        self, source: Source, streams: Streams, reading: Reading, array: Array | None, with_partial: bool
-    ) -> None:
-        self.source, self.streams, self._with_partial = source, streams, with_partial
-        self._window = reading.window
+    def __init__(self, source: Source, streams: Streams, reading: Reading, array: Array | None) -> None:
+        self.source, self.streams, self._reading = source, streams, reading
         self._turns = {} if array is None else samples.turns_of(array.mounting)
         self._other_frames = () if array is None else streams.other_frames(array.mounting)
         self.intakes = streams.intakes(reading, array)
@@ -167,7 +162,7 @@ class Joining:
 
     def _require_samples(self) -> None:
         synchroniser = self._synchroniser
-        if synchroniser.delivered or (self._with_partial and synchroniser.partial):
+        if synchroniser.delivered or (self._reading.with_partial and synchroniser.partial):
             return
         if synchroniser.lost:
             raise Refused(f"no sample could be joined: {'; '.join(synchroniser.lost)}; look at the driver")
@@ -229,7 +224,7 @@ class Joining:
             return messages
         if self._first_ns is None and not is_channel(stream):
             self._first_ns = int(stamps[0])
-        inside = self._window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
+        inside = self._reading.window.contains(stamps, self._first_ns if self._first_ns is not None else int(stamps[0]))
         return messages if inside.all() else messages.take(inside)
 
     def _timed(self, stamps_ns: IntArray, values: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
@@ -243,7 +238,7 @@ class Joining:
             When the first sample comes again.
         """
         synchroniser, run, last = self._synchroniser, self._run, 3 * self._synchroniser.sensor_count
-        if synchroniser.partial and not self._with_partial:
+        if synchroniser.partial and not self._reading.with_partial:
             is_complete = np.isfinite(values[:, :last]).all(axis=1)
             stamps_ns, values = stamps_ns[is_complete], values[is_complete]
         if not len(stamps_ns):

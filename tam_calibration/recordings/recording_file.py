@@ -185,8 +185,8 @@ def read_recording(
     """
     window = Window.of(start, until)
     station = None if base_station is None else Path(base_station)
-    reading = Reading(as_map(map), window, unwrap, station, tolerance_s)
-    samples = read_samples(Path(path), array, reading, sensor_count=sensor_count)
+    reading = Reading(as_map(map), window, unwrap, station, tolerance_s, sensor_count=sensor_count)
+    samples = read_samples(Path(path), array, reading)
     for remark in () if samples.usage is None else samples.usage.missing:
         log.warning("%s: %s", path, remark)
     return samples.recording
@@ -199,19 +199,14 @@ def recording_of_frame(
     channel_map = as_map(map)
     source = FrameSource(Path("the table"), frame, TimeColumn() if channel_map is None else channel_map.time_column)
     streams = streams_of(source, Reading(channel_map))
-    samples = RowJoining(source, streams, AS_IT_IS, None, with_partial=False).whole()
+    samples = RowJoining(source, streams, AS_IT_IS, None).whole()
     if samples is None:
         raise InputError("no row has all sensors")
     return samples.recording
 
 
 def read_samples(
-    path: Path,
-    array: Array | None = None,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
-    with_partial: bool = False,
-    sensor_count: int | None = None,
+    path: Path, array: Array | None = None, reading: Reading = AS_IT_IS, progress: Progress = lambda done, total: None
 ) -> Samples:
     """Read a recording complete, with the exact stamps of a bag.
 
@@ -225,31 +220,22 @@ def read_samples(
         How it is read.
     progress : callable
         Called now and then with what is done, and how much there is to do.
-    with_partial : bool
-        Whether samples are kept that lack a sensor.
-    sensor_count : int, optional
-        Number of sensors that there must be; by default that of the array.
 
     Raises
     ------
     InputError
         When it cannot be read, or contains no recording.
     """
-    with _joining(path, array, reading, with_partial, sensor_count) as joining:
+    with _joining(path, array, reading) as joining:
         samples = joining.whole(progress)
         if samples is None:  # the sensors are read in turn: no row has all
             source, streams = joining.source, joining.streams
-            samples = Joining(source, streams, reading, array, with_partial).whole(progress)
+            samples = Joining(source, streams, reading, array).whole(progress)
         return with_base_station(samples, reading.base_station)
 
 
 def read_pieces(
-    path: Path,
-    array: Array | None = None,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = lambda done, total: None,
-    with_partial: bool = False,
-    sensor_count: int | None = None,
+    path: Path, array: Array | None = None, reading: Reading = AS_IT_IS, progress: Progress = lambda done, total: None
 ) -> Iterator[Samples]:
     """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
@@ -258,7 +244,7 @@ def read_pieces(
 
     Parameters
     ----------
-    path, array, reading, progress, with_partial, sensor_count
+    path, array, reading, progress
         As of `read_samples`.
 
     Raises
@@ -266,30 +252,24 @@ def read_pieces(
     InputError
         When it cannot be read, or contains no recording; pieces before the fault have been yielded by then.
     """
-    with _joining(path, array, reading, with_partial, sensor_count) as joining:
+    with _joining(path, array, reading) as joining:
         for samples in joining.pieces(progress):
             yield with_base_station(samples, reading.base_station)
 
 
 @contextmanager
-def _joining(
-    path: Path, array: Array | None, reading: Reading, with_partial: bool, sensor_count: int | None
-) -> Iterator[Joining | RowJoining]:
+def _joining(path: Path, array: Array | None, reading: Reading) -> Iterator[Joining | RowJoining]:
     """Open a recording, and give what joins its streams."""
     path = Path(path)
     with open_source(path, reading.channel_map) as source, in_file(path):
-        streams = streams_of(source, reading, array, sensor_count)
-        own = reading, array, with_partial
-        joining: Joining | RowJoining = (
-            RowJoining(source, streams, *own) if isinstance(source, RowSource) else Joining(source, streams, *own)
-        )
+        streams = streams_of(source, reading, array)
+        own = streams, reading, array
+        joining = RowJoining(source, *own) if isinstance(source, RowSource) else Joining(source, *own)
         yield joining
         tell_taken(source, joining.streams, joining.intakes)
 
 
-def streams_of(
-    source: Source, reading: Reading, array: Array | None = None, sensor_count: int | None = None
-) -> Streams:
+def streams_of(source: Source, reading: Reading, array: Array | None = None) -> Streams:
     """Return what is read of a source, by its map or by choice.
 
     Parameters
@@ -300,8 +280,6 @@ def streams_of(
         How it is read.
     array : Array, optional
         Whose number of sensors and frames help to choose.
-    sensor_count : int, optional
-        Number of sensors that there must be; of an array its own.
 
     Raises
     ------
@@ -309,7 +287,7 @@ def streams_of(
         When it is ambiguous, or the number of sensors is another.
     """
     channel_map, has_sure_units = reading.channel_map, True
-    sensor_count = sensor_count if array is None else array.sensor_count
+    sensor_count = reading.sensor_count if array is None else array.sensor_count
     if channel_map is None:
         choice = choose(source, sensor_count, None if array is None else array.mounting.frame_ids)
         if choice.channel_map is None or choice.doubts:

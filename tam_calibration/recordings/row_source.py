@@ -152,15 +152,10 @@ class RowJoining:
         How it is read.
     array : Array, optional
         Whose delays are taken off, and into whose axes readings and attitude are turned.
-    with_partial : bool
-        Whether samples are kept that lack a sensor.
     """
 
-    def __init__(
-        self, source: RowSource, streams: Streams, reading: Reading, array: Array | None, with_partial: bool
-    ) -> None:
-        self.source, self.streams, self._reading = source, streams, reading
-        self._array, self._with_partial = array, with_partial
+    def __init__(self, source: RowSource, streams: Streams, reading: Reading, array: Array | None) -> None:
+        self.source, self.streams, self._reading, self._array = source, streams, reading, array
         self._fields = fields_of(streams.wanted)
         self.intakes = streams.intakes(reading, array)
         self._missing, self._count, self._whole = Missing(), 0, 0
@@ -180,7 +175,7 @@ class RowJoining:
         samples = self._samples(cells, values, self.source.timed(cells, len(values)))
         self._missing.require_half()
         # If fewer rows hold all sensors, these are read in turn and have to be joined by time.
-        if self._count and self._whole < 0.5 * self._count and not self._with_partial:
+        if self._count and self._whole < 0.5 * self._count and not self._reading.with_partial:
             return None
         return self._finished(samples)
 
@@ -238,7 +233,7 @@ class RowJoining:
         is_complete = ~is_missing.any(axis=1)
         self._count += len(rows)
         self._whole += int(is_complete.sum())
-        rows = rows[~is_missing.all(axis=1) if self._with_partial else is_complete]
+        rows = rows[~is_missing.all(axis=1) if self._reading.with_partial else is_complete]
         if not len(rows):
             return None
         samples = samples_of(self.streams.layout, None, rows, None)

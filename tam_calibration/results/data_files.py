@@ -155,7 +155,7 @@ def correct_file(
     InputError
         When it cannot be read, and at the end when it is mostly not in tesla.
     """
-    source = path, calibration.array, how, progress, True
+    source = path, calibration.array, replace(how, with_partial=True), progress
     partial, failing = PartialCorrection(calibration), ContradictionSearch(calibration)
     # Effects reach from one piece into the next, and holes in their channels are filled from both sides.
     pieces = [read_samples(*source)] if calibration.effects else read_pieces(*source)

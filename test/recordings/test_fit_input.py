@@ -11,6 +11,7 @@ from tam_calibration.messages.samples import Samples
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, InterpolatedNoise, Recording
 from tam_calibration.recordings import read_pieces
+from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import RecordingStream, is_large, read_known_source
 from tam_calibration.results import write_recording
 from tam_calibration.results.scenario import read_scenario
@@ -166,7 +167,7 @@ def test_files_are_read_into_a_stream(tmp_path, tumble, name):
     stream = RecordingStream(read_pieces(tmp_path / name))
     assert_allclose(stream.whole().readings_T, tumble[0].readings_T, rtol=1e-15)
     with pytest.raises(InputError, match="sensors"):
-        RecordingStream(read_pieces(tmp_path / name, sensor_count=3))
+        RecordingStream(read_pieces(tmp_path / name, reading=Reading(sensor_count=3)))
 
 
 def test_a_file_is_large_by_its_size(tmp_path):

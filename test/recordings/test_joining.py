@@ -84,7 +84,7 @@ def test_samples_are_those_of_the_collector(seed, jitter_ms, lost, missing):
         else:
             online.refuse(name)
     samples += online.flush()
-    joining = Joining(source, streams(source), AS_IT_IS, None, with_partial=False)
+    joining = Joining(source, streams(source), AS_IT_IS, None)
     if max(np.mean(codes_of("tam_1", own) > 0) for own in values[:2]) > MOST_MISSING:
         with pytest.raises(InputError, match="more than half"):
             joining.whole(lambda done, total: None)

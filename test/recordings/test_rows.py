@@ -39,7 +39,7 @@ def test_rows_that_lack_a_sensor_are_left_out_and_told(tmp_path):
     source, usage = read_source(path)
     assert source.sample_count == 397 and (usage.used, usage.received) == (397, 400)
     assert usage.missing == ("3 of 400 readings of sensor 2 are NaN or blank, first at 0.15, 0.35, 19.95 s",)
-    partial = read_samples(path, with_partial=True)
+    partial = read_samples(path, reading=Reading(with_partial=True))
     assert partial.recording.sample_count == 400 and np.flatnonzero(partial.missing).tolist() == [3, 7, 399]
     assert partial.missing[3] == 2
 
