@@ -249,35 +249,6 @@ def unit_doubt(stream: str, channel: InspectedChannel, is_sure: bool) -> str:
     return f"{name} reads a field of about {size:.3g} {stated}: state {advice} in the map"
 
 
-def completed_map(
-    channel_map: ChannelMap, channels: Mapping[str, InspectedChannel], sources: Sequence[Source], is_received: bool
-) -> ChannelMap:
-    """Return a map with units that were detected, where the time is, and how a text file is written.
-
-    Parameters
-    ----------
-    channel_map : ChannelMap
-        The choice.
-    channels : mapping of str to InspectedChannel
-        What is taken, by stream.
-    sources : sequence of Source
-        The files.
-    is_received : bool
-        Whether messages are joined by the recorder's times.
-    """
-    picks = {stream: _with_unit(pick, channels.get(stream)) for stream, pick in channel_map.streams.items()}
-    sensors = [pick for stream, pick in picks.items() if stream.startswith("tam_")]
-    found = replace(channel_map, sensors=sensors, scalar=picks.get("scalar"))
-    if is_received:
-        return replace(found, time="received")
-    rows = [each for each in sources if isinstance(each, RowSource)]
-    times = [_time(each) for each in rows]
-    if times and all(each == times[0] for each in times):
-        found = replace(found, time=times[0])
-    texts = [_text(each) for each in rows if isinstance(each, TextSource)]
-    return replace(found, text=texts[0]) if texts and all(each == texts[0] for each in texts) else found
-
-
 def _with_unit(pick: Pick, channel: InspectedChannel | None) -> Pick:
     """Return a pick with the unit that was detected, where none is stated or another fits better."""
     if channel is None or not channel.unit or channel.is_unit_stated:
@@ -374,12 +345,9 @@ def inspect(
             columns = [Columns(each.table, np.empty(0, dtype=np.int64), {}) for each in series]
             source = MemorySource(files[0].parent, f"{len(files)} files", columns)
         found = _Inspecting(source, series, array)
-        channel_map, remarks = found.choice.channel_map, found.choice.remarks
-        if channel_map is not None:
-            channel_map = completed_map(channel_map, found.channels, sources, found.is_received)
-        reasons, doubts = tuple(found.reasons()), found.doubts()
-        paths, length_s = tuple(files), found.duration_s
-        return Inspection(paths, source.format, length_s, found.tables, channel_map, reasons, doubts, remarks)
+        read = tuple(files), source.format, found.duration_s, found.tables
+        reasons, doubts, remarks = tuple(found.reasons()), found.doubts(), found.choice.remarks
+        return Inspection(*read, found.channel_map(sources), reasons, doubts, remarks)
 
 
 def _require_together(files: Sequence[Path], sources: Sequence[Source]) -> None:
@@ -476,6 +444,23 @@ class _Inspecting:
         if not len(starts):
             return Course(time_s, values, values)
         return Course(time_s[starts], np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts))
+
+    def channel_map(self, sources: Sequence[Source]) -> ChannelMap | None:
+        """Return the choice with units that were detected, where the time is, and how text files are written."""
+        chosen = self.choice.channel_map
+        if chosen is None:
+            return None
+        picks = {stream: _with_unit(pick, self.channels.get(stream)) for stream, pick in chosen.streams.items()}
+        sensors = [pick for stream, pick in picks.items() if stream.startswith("tam_")]
+        found = replace(chosen, sensors=sensors, scalar=picks.get("scalar"))
+        if self.is_received:
+            return replace(found, time="received")
+        rows = [each for each in sources if isinstance(each, RowSource)]
+        times = [_time(each) for each in rows]
+        if times and all(each == times[0] for each in times):
+            found = replace(found, time=times[0])
+        texts = [_text(each) for each in rows if isinstance(each, TextSource)]
+        return replace(found, text=texts[0]) if texts and all(each == texts[0] for each in texts) else found
 
     def doubts(self) -> tuple[str, ...]:
         """Return why the choice is ambiguous or not enough, each with what to add."""
