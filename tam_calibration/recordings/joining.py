@@ -15,7 +15,6 @@ from tam_calibration.messages.batch_synchroniser import BatchSynchroniser
 from tam_calibration.messages.cdr import NO_TIME
 from tam_calibration.messages.missing import Missing
 from tam_calibration.messages.point_cloud import SampleLayout, is_channel
-from tam_calibration.messages.samples import Usage
 from tam_calibration.messages.stream import sensor_stream
 from tam_calibration.messages.timeline import Run
 from tam_calibration.model.array import Array
@@ -262,18 +261,16 @@ class Joining:
         missing, unfinished = self._missing.sentences(), self.source.unfinished
         joined = self._synchroniser.usage
         usage = replace(joined, unfinished=unfinished, missing=missing, other_frames=self._other_frames)
-        return samples_of(self.streams.layout, stamps_ns, rows, usage)
+        return replace(samples_of(self.streams.layout, rows), stamps_ns=stamps_ns, usage=usage)
 
 
-def samples_of(
-    layout: SampleLayout, stamps_ns: IntArray | None, rows: FloatArray, usage: Usage | None
-) -> samples.Samples:
+def samples_of(layout: SampleLayout, rows: FloatArray) -> samples.Samples:
     """Return the samples of rows (N, columns of the layout), those without all sensors with what they lack."""
     last = 1 + 3 * layout.sensor_count
     readings = rows[:, 1:last].reshape(-1, layout.sensor_count, 3)
     codes = missing_codes(readings)
     if not codes.any():
-        return samples.Samples(layout.recording(rows), stamps_ns, usage)
+        return samples.Samples(layout.recording(rows))
     filled = np.where(np.isnan(readings), np.nanmean(readings, axis=1, keepdims=True), readings)
     rows[:, 1:last] = filled.reshape(-1, last - 1)
-    return samples.Samples(layout.recording(rows), stamps_ns, usage, codes)
+    return samples.Samples(layout.recording(rows), missing=codes)

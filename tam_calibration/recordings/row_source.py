@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -214,7 +215,7 @@ class RowJoining:
             raise InputError("it contains no sample that lies within --from and --until and has all sensors")
         if self._missing.counts:
             usage = Usage(self._whole, self._count, missing=self._missing.sentences())
-            return Samples(samples.recording, None, usage, samples.missing)
+            return replace(samples, usage=usage)
         return samples
 
     def _samples(self, cells: Sequence[str] | FloatArray | None, values: FloatArray, times: Times) -> Samples | None:
@@ -236,7 +237,7 @@ class RowJoining:
         rows = rows[~is_missing.all(axis=1) if self._reading.with_partial else is_complete]
         if not len(rows):
             return None
-        samples = samples_of(self.streams.layout, None, rows, None)
+        samples = samples_of(self.streams.layout, rows)
         recording = samples.recording
         first_s, last_s = recording.time_span_s
         # No array is read a million times a second.
@@ -249,7 +250,7 @@ class RowJoining:
             recording = self._array.mounting.turned(recording)
             if self._array.stamp_delay_s is not None:
                 recording = without_delays(recording, self._array.stamp_delay_s)
-        return Samples(recording, None, None, samples.missing)
+        return replace(samples, recording=recording)
 
     def _time_s(self, cells: Any, inside: np.ndarray, stamps_ns: IntArray) -> FloatArray:
         """Return times in seconds; those of a file in seconds as they stand there, to the last digit."""
