@@ -348,7 +348,7 @@ def value_to_write(key: str, value: Any) -> Any:
     if not isinstance(value, int | float | np.ndarray | np.generic):
         return value
     unit = _unit_in(key)
-    return np.asarray(_inverse(np.asarray(value), *_UNITS[unit]) if unit else value).tolist()
+    return np.asarray(_from_si(np.asarray(value), unit) if unit else value).tolist()
 
 
 def block_to_write(schema: type[Any], values: Iterable[Any]) -> dict[str, Any]:
@@ -367,13 +367,13 @@ def block_to_write(schema: type[Any], values: Iterable[Any]) -> dict[str, Any]:
 
 def nanotesla_to_write(tesla: FloatArray) -> FloatArray:
     """Return nanotesla that `units.from_nanotesla` turns back into the same tesla, if possible to the last bit."""
-    return _inverse(tesla, *_UNITS["nT"])
+    return _from_si(tesla, "nT")
 
 
-def _inverse(
-    values: FloatArray, to_si: Callable[[FloatArray], FloatArray], from_si: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    best = from_si(np.asarray(values, dtype=float))
+def _from_si(values: FloatArray, unit: str) -> FloatArray:
+    """Return values in a unit of keys that turn back into the same, if possible to the last bit."""
+    to_si, from_si = _UNITS[unit]
+    best: FloatArray = from_si(np.asarray(values, dtype=float))
     for candidate in (np.nextafter(best, -np.inf), np.nextafter(best, np.inf)):
         is_better = (to_si(best) != values) & (to_si(candidate) == values)
         best = np.where(is_better, candidate, best)
