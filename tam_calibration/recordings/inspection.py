@@ -225,30 +225,6 @@ def _name_of(stream: str) -> str:
     return in_words(stream).removeprefix("the ")
 
 
-def unit_doubt(stream: str, channel: InspectedChannel, is_sure: bool) -> str:
-    """Return why the unit of a field has to be stated; empty where it is known.
-
-    Parameters
-    ----------
-    stream : str
-        A sensor or the scalar.
-    channel : InspectedChannel
-        What is taken for it.
-    is_sure : bool
-        Whether the stated unit is taken even where the size of the field tells another.
-    """
-    name, size = in_words(stream), channel.size
-    if not size > 0:
-        return f"{name} has no reading of a field: take something else in the map"
-    if channel.unit and (not is_sure or channel.stated_unit in ("", channel.unit)):
-        return ""
-    if not channel.stated_unit:
-        return size_doubt(stream, size)
-    stated = f"{channel.stated_unit} as stated, which is not the Earth's"
-    advice = f"unit {channel.unit}" if channel.unit else "unit or scale_nT"
-    return f"{name} reads a field of about {size:.3g} {stated}: state {advice} in the map"
-
-
 def _with_unit(pick: Pick, channel: InspectedChannel | None) -> Pick:
     """Return a pick with the unit that was detected, where none is stated or another fits better."""
     if channel is None or not channel.unit or channel.is_unit_stated:
@@ -466,15 +442,28 @@ class _Inspecting:
         """Return why the choice is ambiguous or not enough, each with what to add."""
         faults = [self._fault, *(each.fault for each in self._of_streams.values())]
         fields = {stream: each for stream, each in self.channels.items() if is_of_field(stream)}
-        units = [unit_doubt(stream, each, self._has_sure_unit(stream)) for stream, each in fields.items()]
+        units = [self._unit_doubt(stream, each) for stream, each in fields.items()]
         advice = ": state time: received in the map, to join them by the recorder's times" if self.is_received else ""
         apart = f"{self._apart}{advice}" if self._apart else ""
         return tuple(dict.fromkeys(filter(None, [*self.choice.doubts, *faults, *units, apart])))
 
-    def _has_sure_unit(self, stream: str) -> bool:
-        """Whether the stated unit is reliable: stated by our own names or those of columns, not only by a type."""
-        chosen = self.choice.channel_map
-        return self.choice.is_own or (chosen is not None and chosen.streams[stream].unit != "")
+    def _unit_doubt(self, stream: str, channel: InspectedChannel) -> str:
+        """Return why the unit of a field has to be stated; empty where it is known.
+
+        What our own names or those of columns state is sure; what only a type states is not, where the size of the
+        field tells another.
+        """
+        name, size, chosen = in_words(stream), channel.size, self.choice.channel_map
+        if not size > 0:
+            return f"{name} has no reading of a field: take something else in the map"
+        is_sure = self.choice.is_own or (chosen is not None and chosen.streams[stream].unit != "")
+        if channel.unit and (not is_sure or channel.stated_unit in ("", channel.unit)):
+            return ""
+        if not channel.stated_unit:
+            return size_doubt(stream, size)
+        stated = f"{channel.stated_unit} as stated, which is not the Earth's"
+        advice = f"unit {channel.unit}" if channel.unit else "unit or scale_nT"
+        return f"{name} reads a field of about {size:.3g} {stated}: state {advice} in the map"
 
     @cached_property
     def _apart(self) -> str:
