@@ -295,14 +295,13 @@ def _sensors(magnetic: Sequence[Vector], sensor_count: int | None) -> tuple[list
     for vector in magnetic:
         groups[vector.table.type, _NUMBER.sub("", f"{vector.table.name} {vector.pattern}")].append(vector)
     found = sorted(groups.values(), key=lambda group: -len(group))
-    if sensor_count is not None:
-        fitting = [group for group in found if len(group) == sensor_count]
-        if not fitting and len(magnetic) == sensor_count:
-            fitting = [list(magnetic)]
+    fitting = [group for group in found if len(group) == (sensor_count or len(found[0]))]
+    if sensor_count:
+        are_together = not fitting and len(magnetic) == sensor_count
     else:
-        fitting = [group for group in found if len(group) == len(found[0])]
-        if len(fitting) > 1 and len(found[0]) == 1 and len({vector.table.type for vector in magnetic}) == 1:
-            fitting = [list(magnetic)]
+        are_together = len(fitting) > 1 and len(found[0]) == 1 and len({each.table.type for each in magnetic}) == 1
+    if are_together:
+        fitting = [list(magnetic)]
     named = ", ".join(sorted(str(vector.pick) for vector in magnetic))
     if len(fitting) == 1:
         return _in_order(fitting[0]), ""
