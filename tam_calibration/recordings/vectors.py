@@ -169,7 +169,8 @@ def shortened(names: Sequence[str], between: str = ", ", most: int = 12) -> str:
 
 
 _OWN_FIELD = re.compile(rf"(b([1-9]\d{{,8}})[xyz]|scalar)_({'|'.join(TESLA_PER_FIELD_UNIT)})")
-_OWN_COLUMNS = [*(pair for pair in CHANNEL_COLUMNS.items() if pair[0] != "scalar"), ("position", GEOGRAPHIC_COLUMNS)]
+_OWN_COLUMNS = [(channel, columns) for channel, columns in CHANNEL_COLUMNS.items() if channel != "scalar"]
+_OWN_COLUMNS.append(("position", GEOGRAPHIC_COLUMNS))
 """Channels and their columns, but for the scalar, whose unit may be any."""
 
 
