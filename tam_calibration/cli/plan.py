@@ -21,11 +21,11 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import ERROR_KINDS, FloatArray, from_degrees, to_degrees, to_nanotesla
 from tam_calibration.recordings import read_array
 from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import read_source
-from tam_calibration.report.blocks import KINDS, Block, Table, Text, number, sentence
+from tam_calibration.report.blocks import Block, Table, Text, number, sentence
 from tam_calibration.report.calibration_rows import age_in_words
 from tam_calibration.results import read_calibration
 
@@ -158,7 +158,7 @@ def _standard_errors(proposal: Proposal) -> Table:
     states = proposal.start.standard_errors, proposal.plan.standard_errors
     rows = [
         [f"{kind.name} ({kind.sign})".removesuffix(" ()"), *(_worst(errors, index, kind.factor) for errors in states)]
-        for index, kind in enumerate(KINDS)
+        for index, kind in enumerate(ERROR_KINDS)
     ]
     return Table(("worst of", "before", "after"), rows, "Standard errors")
 
@@ -213,7 +213,7 @@ def _proposal_to_mapping(proposal: Proposal) -> dict[str, Any]:
 def _sensors(standard_errors: FloatArray) -> list[dict[str, Any]]:
     blocks = []
     for sensor, twelve in enumerate(standard_errors, start=1):
-        parts = zip(KINDS, twelve.reshape(4, 3), strict=True)
+        parts = zip(ERROR_KINDS, twelve.reshape(4, 3), strict=True)
         blocks.append({"sensor": sensor} | {kind.key(): (kind.factor * part).tolist() for kind, part in parts})
     return blocks
 

@@ -37,17 +37,12 @@ from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Place, Posterior, Problem
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
-from tam_calibration.model.units import FloatArray, from_nanotesla
+from tam_calibration.model.units import ERROR_KINDS, FloatArray, from_nanotesla
 
 FAR_RATIO = 1e5
 """Ratio from which each is fitted by itself: a bias of some fifty times the noise, over which lengths begin to bend."""
 
-_NAMES = {
-    "scale factor": ("x", "y", "z"),
-    "non-orthogonality": ("θ", "φ", "ψ"),
-    "bias": ("x", "y", "z"),
-    "misalignment": ("α", "β", "γ"),
-}
+_NAMES = {kind.name: kind.axes for kind in ERROR_KINDS}
 
 
 @dataclass(frozen=True, eq=False)

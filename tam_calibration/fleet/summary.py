@@ -16,7 +16,7 @@ import numpy as np
 from tam_calibration.files.text_files import to_json, write_set
 from tam_calibration.fleet.task import ANSWERS, Result
 from tam_calibration.model.data_sheet import DAY_S
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import ERROR_KINDS, ErrorKind, FloatArray
 from tam_calibration.report import blocks
 from tam_calibration.report.page import COLORS, QUIET_COLOR, WIDTH_INCH, embed, in_style, new_figure, write_page
 from tam_calibration.results.results_json import attributes
@@ -96,7 +96,7 @@ class ParameterDrift:
 
     platform: str
     sensor: int
-    kind: blocks.Kind
+    kind: ErrorKind
     axis: int
     drift: LinearDrift
 
@@ -125,8 +125,8 @@ class Missions:
     platform: str
     time_s: FloatArray
     longest_s: float
-    values: dict[blocks.Kind, FloatArray]
-    standard_errors: dict[blocks.Kind, FloatArray]
+    values: dict[ErrorKind, FloatArray]
+    standard_errors: dict[ErrorKind, FloatArray]
 
     @property
     def no_drift(self) -> str:
@@ -164,8 +164,8 @@ def all_missions(results: Sequence[Result]) -> list[Missions]:
     missions = []
     for platform, some in by_platform([result for result in results if result.sensors and result.time_span_s]).items():
         spans_s = np.array([result.time_span_s for result in some])
-        values = {kind: _table(some, kind.key()) for kind in blocks.KINDS}
-        errors = {kind: _table(some, kind.key("standard_error")) for kind in blocks.KINDS}
+        values = {kind: _table(some, kind.key()) for kind in ERROR_KINDS}
+        errors = {kind: _table(some, kind.key("standard_error")) for kind in ERROR_KINDS}
         missions.append(Missions(platform, spans_s.mean(axis=1), float(np.ptp(spans_s, axis=1).max()), values, errors))
     return missions
 
@@ -264,14 +264,14 @@ def open_points(results: Sequence[Result]) -> list[str]:
 
 
 @in_style
-def plot_missions(missions: Missions, kind: blocks.Kind) -> "Figure":
+def plot_missions(missions: Missions, kind: ErrorKind) -> "Figure":
     """Draw three parameters of each sensor less their means, with standard errors, over time.
 
     Parameters
     ----------
     missions : Missions
         Of one platform, with M missions and K sensors.
-    kind : Kind
+    kind : ErrorKind
         Parameters to draw; those without a unit are drawn in ppm.
     """
     shown = kind.of_changes
@@ -344,7 +344,7 @@ def _overview(results: Sequence[Result]) -> blocks.Section:
 def _drift_section(missions: Missions) -> blocks.Section:
     drawn = [
         embed(plot_missions(missions, kind), f"{kind.name} over the missions", f"{kind.name} ± 1 standard error")
-        for kind in blocks.KINDS
+        for kind in ERROR_KINDS
     ]
     rows = [drift_row(found)[1:] for found in missions.drifts()]
     words = blocks.sentence(missions.no_drift) if missions.no_drift else _DRIFTS
@@ -441,7 +441,7 @@ def _csv_row(result: Result) -> dict[str, Any]:
     row |= {"causes": " ".join(gap.get("causes", ())), "problems": result.trouble}
     row = {name: _FORMULA.sub(r"\1'", cell) if isinstance(cell, str) else cell for name, cell in row.items()}
     for index, sensor in enumerate(result.sensors, 1):
-        for kind in blocks.KINDS:
+        for kind in ERROR_KINDS:
             for part in ("", "standard_error"):
                 name, unit = kind.key(part).removesuffix(f"_{kind.unit}"), kind.unit
                 columns = [f"sensor_{index}_{name}_{axis}_{unit}".rstrip("_") for axis in kind.columns]

@@ -20,14 +20,9 @@ from numpy.linalg import inv, norm
 from tam_calibration.model.array import TENSOR_OUTPUTS, Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Block, Recording, SampleSource
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import ERROR_KINDS, FloatArray
 
-PARAMETER_NAMES = (
-    "scale factor x", "scale factor y", "scale factor z",
-    "non-orthogonality θ", "non-orthogonality φ", "non-orthogonality ψ",
-    "bias x", "bias y", "bias z",
-    "misalignment α", "misalignment β", "misalignment γ",
-)  # fmt: skip
+PARAMETER_NAMES = tuple(f"{kind.name} {axis}" for kind in ERROR_KINDS for axis in kind.axes)
 """Names of the twelve parameters of one sensor, in the order of ``SensorErrors.to_vector``."""
 
 ORIENTATIONS = np.array(

@@ -1,7 +1,7 @@
 """Conversion between SI units and those of files and reports: the only place that converts."""
 
 import re
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,3 +47,47 @@ def for_people(unit: str) -> tuple[float, str]:
             factor *= _FOR_PEOPLE.get(symbol, (1.0, ""))[0] ** (sign * (" ²³⁴⁵".index(power) + 1 if power else 1))
         written.append(_SYMBOL.sub(lambda match: _FOR_PEOPLE.get(match[1], (1.0, match[1]))[1] + match[2], part))
     return factor, "/".join(written)
+
+
+class ErrorKind(NamedTuple):
+    """Three errors of a sensor, in the units of files and reports.
+
+    Parameters
+    ----------
+    name : str
+        For people.
+    unit, sign : str
+        Unit in keys and for people.
+    factor : float
+        From SI.
+    decimals : int
+        Decimals to show.
+    axes, columns : tuple of str
+        Names of the three, for people and in the columns of tables.
+    """
+
+    name: str
+    unit: str
+    sign: str
+    factor: float
+    decimals: int
+    axes: tuple[str, ...] = ("x", "y", "z")
+    columns: tuple[str, ...] = ("x", "y", "z")
+
+    def key(self, part: str = "") -> str:
+        """Return the key of the values in files, or of a part such as "standard_error"."""
+        return "_".join(filter(None, (self.name.replace(" ", "_").replace("-", "_"), part, self.unit)))
+
+    @property
+    def of_changes(self) -> "ErrorKind":
+        """The kind as changes are told: of what has no unit in ppm."""
+        return self if self.sign else self._replace(factor=1e6, sign="ppm")
+
+
+ERROR_KINDS = (
+    ErrorKind("scale factor", "", "", 1.0, 6),
+    ErrorKind("non-orthogonality", "deg", "°", to_degrees(1.0), 5, ("θ", "φ", "ψ"), ("theta", "phi", "psi")),
+    ErrorKind("bias", "nT", "nT", to_nanotesla(1.0), 2),
+    ErrorKind("misalignment", "deg", "°", to_degrees(1.0), 5, ("α", "β", "γ"), ("alpha", "beta", "gamma")),
+)
+"""The errors of a sensor in the order of their vector."""

@@ -3,9 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True)
@@ -74,50 +73,6 @@ class Section:
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNKNOWN = "–"
 _THIN_SPACE = "\u202f"
-
-
-class Kind(NamedTuple):
-    """Three errors of a sensor, in the units of files.
-
-    Parameters
-    ----------
-    name : str
-        For people.
-    unit, sign : str
-        Unit in keys and for people.
-    factor : float
-        From SI.
-    decimals : int
-        Decimals to show.
-    axes, columns : tuple of str
-        Names of the three, for people and in the columns of tables.
-    """
-
-    name: str
-    unit: str
-    sign: str
-    factor: float
-    decimals: int
-    axes: tuple[str, ...] = ("x", "y", "z")
-    columns: tuple[str, ...] = ("x", "y", "z")
-
-    def key(self, part: str = "") -> str:
-        """Return the key of the values in files, or of a part such as "standard_error"."""
-        return "_".join(filter(None, (self.name.replace(" ", "_").replace("-", "_"), part, self.unit)))
-
-    @property
-    def of_changes(self) -> "Kind":
-        """The kind as changes are told: of what has no unit in ppm."""
-        return self if self.sign else self._replace(factor=1e6, sign="ppm")
-
-
-KINDS = (
-    Kind("scale factor", "", "", 1.0, 6),
-    Kind("non-orthogonality", "deg", "°", to_degrees(1.0), 5, ("θ", "φ", "ψ"), ("theta", "phi", "psi")),
-    Kind("bias", "nT", "nT", to_nanotesla(1.0), 2),
-    Kind("misalignment", "deg", "°", to_degrees(1.0), 5, ("α", "β", "γ"), ("alpha", "beta", "gamma")),
-)
-"""The errors of a sensor in the order of their vector."""
 
 
 def number(value: float, digits: int = 3) -> str:

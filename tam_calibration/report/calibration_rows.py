@@ -10,8 +10,8 @@ from tam_calibration.effects.library import units_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, Residuals, orientation_to_axes
-from tam_calibration.model.units import to_degrees, to_nanotesla
-from tam_calibration.report.blocks import KINDS, Block, Table, Text, count, join, number, ratio, with_error, with_errors
+from tam_calibration.model.units import ERROR_KINDS, to_degrees, to_nanotesla
+from tam_calibration.report.blocks import Block, Table, Text, count, join, number, ratio, with_error, with_errors
 
 _MODEL = (
     "Value ± standard error. The model is yᵢ = Dᵢ Λᵢ bᵢ + oᵢ: D contains scale factors and non-orthogonality, "
@@ -49,7 +49,7 @@ def parameter_rows(calibration: Calibration) -> list[list[str]]:
     values, standard_errors = calibration.errors.to_vector(), calibration.standard_errors
     rows = []
     for index, name in enumerate(PARAMETER_NAMES):
-        kind = KINDS[index // 3]
+        kind = ERROR_KINDS[index // 3]
         cells = with_errors(values[:, index] * kind.factor, standard_errors[:, index] * kind.factor, kind.decimals)
         rows.append([f"{name} ({kind.sign})".removesuffix(" ()"), *cells])
     mounted = [" ".join(orientation_to_axes(orientation)) for orientation in calibration.errors.orientation]
@@ -89,7 +89,7 @@ def summary_blocks(calibration: Calibration) -> list[Block]:
     largest = np.nanmax(calibration.standard_errors.reshape(-1, 4, 3), axis=(0, 2), initial=0)
     errors = [
         f"{kind.name} {number(kind.factor * float(error), 2)}{kind.sign.replace('nT', ' nT')}"
-        for kind, error in zip(KINDS, largest, strict=True)
+        for kind, error in zip(ERROR_KINDS, largest, strict=True)
     ]
     return [
         Table(["RMS residual", *states], rows),
@@ -252,6 +252,6 @@ def _told(parts: list[Moved]) -> str:
 
 
 def _change(moved: Moved) -> str:
-    kind = next(each for each in KINDS if each.name == moved.kind).of_changes
+    kind = next(each for each in ERROR_KINDS if each.name == moved.kind).of_changes
     values = with_errors(kind.factor * moved.change, kind.factor * moved.standard_errors, 2)
     return f"{', '.join(values)} {kind.sign} ({' '.join(kind.axes)})"

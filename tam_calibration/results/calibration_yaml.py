@@ -14,7 +14,7 @@ from tam_calibration.files.schema import NOT_TURNED, block_to_write, value_to_wr
 from tam_calibration.files.text_files import in_file, read_text, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.sensor_errors import Residuals, SensorErrors, orientation_to_axes
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import ERROR_KINDS, FloatArray, to_nanotesla
 from tam_calibration.recordings.array_yaml import array_to_mapping
 from tam_calibration.results import calibration_schema
 from tam_calibration.results.effects_schema import effect_to_mapping
@@ -199,20 +199,14 @@ def sensors_to_mapping(errors: SensorErrors, standard_errors: FloatArray | None 
     standard_errors : (K, 12) array, optional
         Theirs, SI.
     """
-    columns = (
-        ("scale_factor", "", errors.scale_factor),
-        ("non_orthogonality", "_deg", errors.non_orthogonality),
-        ("bias", "_nT", errors.bias_T),
-        ("misalignment", "_deg", errors.misalignment),
-    )
-    blocks = []
+    values, blocks = errors.to_vector(), []
     for index, matrix in enumerate(errors.matrix.tolist()):
         block: dict[str, Any] = {"sensor": index + 1}
-        for place, (name, unit, values) in enumerate(columns):
-            block[name + unit] = value_to_write(unit, values[index])
+        for place, kind in enumerate(ERROR_KINDS):
+            own = slice(3 * place, 3 * place + 3)
+            block[kind.key()] = value_to_write(kind.unit, values[index, own])
             if standard_errors is not None:
-                own = standard_errors[index, 3 * place : 3 * place + 3]
-                block[f"{name}_standard_error{unit}"] = _rounded(value_to_write(unit, own))
+                block[kind.key("standard_error")] = _rounded(value_to_write(kind.unit, standard_errors[index, own]))
         axes = orientation_to_axes(errors.orientation[index])
         blocks.append(block | ({} if tuple(axes) == NOT_TURNED else {"orientation": axes}) | {"matrix": matrix})
     return blocks

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from tam_calibration.fleet.summary import all_missions, fit_drift
 from tam_calibration.fleet.task import Result
 from tam_calibration.model.data_sheet import DAY_S
-from tam_calibration.report.blocks import KINDS
+from tam_calibration.model.units import ERROR_KINDS
 
 
 @given(st.integers(4, 30), st.integers(0, 2**32 - 1))
@@ -67,7 +67,7 @@ def test_two_missions_tell_a_drift_without_scatter():
 
 def result(first_s, last_s):
     """Return the result of a mission whose parameters differ from those of others."""
-    sensor = {key: [1 + first_s % 7] * 3 for kind in KINDS for key in (kind.key(), kind.key("standard_error"))}
+    sensor = {key: [1 + first_s % 7] * 3 for kind in ERROR_KINDS for key in (kind.key(), kind.key("standard_error"))}
     return Result("dive", "auv", "dive", "done", {}, "", time_span_s=(first_s, last_s), sensors=[sensor])
 
 

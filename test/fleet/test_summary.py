@@ -10,22 +10,22 @@ from hypothesis import strategies as st
 
 from tam_calibration.fleet.summary import SUMMARIES, Missions, plot_missions, write_summaries
 from tam_calibration.fleet.task import Result
-from tam_calibration.report.blocks import KINDS
+from tam_calibration.model.units import ERROR_KINDS
 from tam_calibration.report.page import embed
 
 
 def missions(count):
     """Return missions of four sensors whose misalignment of sensor 1 is fixed."""
     rng = np.random.default_rng(3)
-    values = {group: rng.normal(size=(count, 4, 3)) for group in KINDS}
-    errors = {group: np.ones((count, 4, 3)) for group in KINDS}
-    errors[KINDS[3]][:, 0] = 0
+    values = {group: rng.normal(size=(count, 4, 3)) for group in ERROR_KINDS}
+    errors = {group: np.ones((count, 4, 3)) for group in ERROR_KINDS}
+    errors[ERROR_KINDS[3]][:, 0] = 0
     return Missions("auv", 1.7e9 + 86400.0 * np.arange(count), 3600.0, values, errors)
 
 
 def test_each_sensor_has_a_panel_with_three_parameters():
     """Less their means; the fixed ones of sensor 1 are left out."""
-    figure = plot_missions(missions(5), KINDS[3])
+    figure = plot_missions(missions(5), ERROR_KINDS[3])
     drawn = [len(axes.containers) for axes in figure.axes]
     assert drawn == [0, 3, 3, 3]
     for axes in figure.axes[1:]:
@@ -35,8 +35,8 @@ def test_each_sensor_has_a_panel_with_three_parameters():
 
 def test_a_figure_is_the_same_bytes_every_time():
     """So that a batch that is resumed gives the same page; one mission is drawn too."""
-    assert embed(plot_missions(missions(1), KINDS[2]), "bias").source
-    first, second = (embed(plot_missions(missions(4), KINDS[2]), "bias").source for _ in range(2))
+    assert embed(plot_missions(missions(1), ERROR_KINDS[2]), "bias").source
+    first, second = (embed(plot_missions(missions(4), ERROR_KINDS[2]), "bias").source for _ in range(2))
     assert first == second
 
 
