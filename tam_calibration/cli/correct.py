@@ -78,18 +78,15 @@ def _correct(
 
 @dataclass
 class _Intensity:
-    """Number, sum and sum of squares of the intensities, tesla, the sums of differences from the first.
+    """Number, mean and variance of the intensities of each piece whose field is determined, T and T².
 
-    ``without`` counts the samples that lack sensors, by what they lack; ``known`` those whose field is determined;
-    ``remarks`` tell which readings are missing and why.
+    ``without`` counts the samples that lack sensors, by what they lack; ``remarks`` tell which readings are missing and
+    why.
     """
 
     samples: int = 0
-    known: int = 0
     without: Counter[int] = field(default_factory=Counter)
-    first_T: float = 0.0
-    sum_T: float = 0.0
-    squares_T2: float = 0.0
+    pieces: list[tuple[float, float, float]] = field(default_factory=list)
     remarks: tuple[str, ...] = ()
 
     def add(self, corrected: Corrected) -> None:
@@ -100,25 +97,16 @@ class _Intensity:
         self.samples += len(corrected.outputs)
         intensity = np.linalg.norm(corrected.outputs[:, :3], axis=1)
         intensity = intensity[np.isfinite(intensity)]
-        if not len(intensity):
-            return
-        self.first_T = self.first_T if self.known else float(intensity[0])
-        difference = intensity - self.first_T
-        self.known += len(difference)
-        self.sum_T += float(difference.sum())
-        self.squares_T2 += float((difference**2).sum())
+        if len(intensity):
+            self.pieces.append((len(intensity), float(intensity.mean()), float(intensity.var())))
 
-    @property
-    def mean_T(self) -> float:
-        """Mean, tesla."""
-        return self.first_T + self.sum_T / self.known if self.known else math.nan
-
-    @property
-    def standard_deviation_T(self) -> float:
-        """Standard deviation, tesla."""
-        if not self.known:
-            return math.nan
-        return math.sqrt(max(0.0, self.squares_T2 / self.known - (self.sum_T / self.known) ** 2))
+    def mean_and_deviation_T(self) -> tuple[float, float]:
+        """Return mean and standard deviation of all intensities, tesla; NaN where there is none."""
+        if not self.pieces:
+            return math.nan, math.nan
+        counts, means_T, variances_T2 = np.transpose(self.pieces)
+        mean_T = np.average(means_T, weights=counts)
+        return float(mean_T), math.sqrt(np.average(variances_T2 + (means_T - mean_T) ** 2, weights=counts))
 
 
 def _counted(
@@ -141,6 +129,7 @@ def _summarise(
     intensity: _Intensity, agreement: ScalarAgreement, calibration: Calibration, output: Path
 ) -> dict[str, Any]:
     errors = to_nanotesla(calibration.output_standard_errors).tolist()
+    mean_T, deviation_T = intensity.mean_and_deviation_T()
     return {
         "output": str(output),
         "samples": intensity.samples,
@@ -148,8 +137,8 @@ def _summarise(
             " and ".join(map(str, sensors_of(code))): count for code, count in sorted(intensity.without.items())
         },
         "missing": list(intensity.remarks),
-        "intensity_mean_nT": to_nanotesla(intensity.mean_T),
-        "intensity_standard_deviation_nT": to_nanotesla(intensity.standard_deviation_T),
+        "intensity_mean_nT": to_nanotesla(mean_T),
+        "intensity_standard_deviation_nT": to_nanotesla(deviation_T),
         "scalar_residual_nT": to_nanotesla(agreement.residual_T),
         "standard_errors": dict(zip(OUTPUT_COLUMNS, errors, strict=True)),
     }
