@@ -96,18 +96,10 @@ class UpdateFile(schema.Document):
         for name in ("prior_standard_errors_SI", "data_share"):
             if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
                 raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
-        return Update(
-            prior=self.prior,
-            rates=schema.part_of(self.change_rates),
-            elapsed_s=self.elapsed_s,
-            warming_K=self.warming_K,
-            prior_standard_errors=np.array(self.prior_standard_errors_SI),
-            data_share=np.array(self.data_share),
-            chi_square=self.chi_square,
-            freedom=self.freedom,
-            probability=self.probability,
-            moved=tuple(each.to_moved() for each in self.moved),
-        )
+        names = (each.name for each in dataclasses.fields(Update))
+        stated = dict(zip(names, schema.in_si(self), strict=True))
+        moved = tuple(each.to_moved() for each in self.moved)
+        return Update(**stated | {"rates": schema.part_of(self.change_rates), "moved": moved})
 
 
 def update_to_mapping(update: Update) -> dict[str, Any]:
