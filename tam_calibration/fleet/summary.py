@@ -442,8 +442,7 @@ def _csv_row(result: Result) -> dict[str, Any]:
     row = {name: _FORMULA.sub(r"\1'", cell) if isinstance(cell, str) else cell for name, cell in row.items()}
     for index, sensor in enumerate(result.sensors, 1):
         for kind in ERROR_KINDS:
-            for part in ("", "standard_error"):
-                name, unit = kind.key(part).removesuffix(f"_{kind.unit}"), kind.unit
-                columns = [f"sensor_{index}_{name}_{axis}_{unit}".rstrip("_") for axis in kind.columns]
-                row |= zip(columns, sensor[kind.key(part)], strict=True)
+            for part in ("", "standard_error_"):
+                columns = [f"sensor_{index}_{kind.key(part + axis)}" for axis in kind.columns]
+                row |= zip(columns, sensor[kind.key(part.rstrip("_"))], strict=True)
     return row
