@@ -264,12 +264,11 @@ def _level(side: str, noise: AxisNoise) -> dict[str, float]:
 
 
 def _closing(closing: result.Closing) -> dict[str, Any]:
+    sides = ("simulation", "recording", "mended")
     return {
         **results_json.sizes(closing),
         **results_json.rounded(results_json.attributes(closing, "source_error_before_m", "source_error_after_m")),
-        "source_error_simulation": _source_error(closing.simulation_source),
-        "source_error_recording": _source_error(closing.recording_source),
-        "source_error_mended": _source_error(closing.mended_source),
+        **{f"source_error_{each}": _source_error(getattr(closing, f"{each}_source")) for each in sides},
         "steps": [results_json.rounded(results_json.attributes(step, "added", "left")) for step in closing.steps],
         "left": closing.left,
     }
