@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 
 from tam_calibration.comparison.result import Comparison, NoiseDifference
 from tam_calibration.comparison.side import Side
@@ -75,7 +74,7 @@ def _draw_noise(axes: Axes, noise: NoiseDifference, ends: tuple[float, float]) -
     axes.set(xscale="log", yscale="log", ylim=ends)
     axes.minorticks_off()
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_major_formatter("{x:g}")
 
 
 def row_to_draw(simulation: Side, recording: Side) -> int:

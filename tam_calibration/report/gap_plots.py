@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 
 from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.gap.laws.law import Course
@@ -54,11 +53,9 @@ class GapView:
 
     def _ratio(self, rows_T: FloatArray) -> FloatArray:
         """Return the root mean squares of rows over the floor, NaN for a row without information."""
-        known = np.isfinite(rows_T) & (rows_T != 0)
-        squares = np.sum(np.where(known, rows_T, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)
-        floor = self.gap.residue.floor_T
-        is_known = known.any(axis=0) & np.isfinite(floor) & (floor > 0)
-        return np.asarray(np.divide(np.sqrt(squares), floor, out=np.full(len(floor), np.nan), where=is_known))
+        known_T = np.ma.masked_invalid(np.where(rows_T == 0, np.nan, rows_T))
+        floor_T = np.ma.masked_less_equal(np.ma.masked_invalid(self.gap.residue.floor_T), 0.0)
+        return np.asarray((np.sqrt(np.mean(known_T**2, axis=0)) / floor_T).filled(np.nan))
 
     @cached_property
     def rows(self) -> tuple[int, ...]:
@@ -326,7 +323,7 @@ def plot_spectrum(view: GapView, row: int) -> Figure:
         )
         axes.set_xlim(low, high)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_major_formatter("{x:g}")
     axes.legend(frameon=False, fontsize=8)
     return figure
 
