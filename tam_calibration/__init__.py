@@ -9,40 +9,23 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tam_calibration.comparison import compare
-    from tam_calibration.correction.calibration import Calibration
-    from tam_calibration.correction.streaming import correct
-    from tam_calibration.fit import calibrate
-    from tam_calibration.gap import diagnose
-    from tam_calibration.localization.locate import locate
-    from tam_calibration.model.array import Array
-    from tam_calibration.model.exceptions import InputError, Refused
-    from tam_calibration.model.recording import Recording
-    from tam_calibration.recordings import read_array, read_recording
-    from tam_calibration.recordings.inspection import inspect
-    from tam_calibration.results import read_calibration, write_calibration
-    from tam_calibration.results.scenario import read_scenario
-    from tam_calibration.simulation import simulate
-
-__all__ = [
-    "Array",
-    "Calibration",
-    "InputError",
-    "Recording",
-    "Refused",
-    "calibrate",
-    "compare",
-    "correct",
-    "diagnose",
-    "inspect",
-    "locate",
-    "read_array",
-    "read_calibration",
-    "read_recording",
-    "read_scenario",
-    "simulate",
-    "write_calibration",
-]
+    from tam_calibration.comparison import compare as compare
+    from tam_calibration.correction.calibration import Calibration as Calibration
+    from tam_calibration.correction.streaming import correct as correct
+    from tam_calibration.fit import calibrate as calibrate
+    from tam_calibration.gap import diagnose as diagnose
+    from tam_calibration.localization.locate import locate as locate
+    from tam_calibration.model.array import Array as Array
+    from tam_calibration.model.exceptions import InputError as InputError
+    from tam_calibration.model.exceptions import Refused as Refused
+    from tam_calibration.model.recording import Recording as Recording
+    from tam_calibration.recordings import read_array as read_array
+    from tam_calibration.recordings import read_recording as read_recording
+    from tam_calibration.recordings.inspection import inspect as inspect
+    from tam_calibration.results import read_calibration as read_calibration
+    from tam_calibration.results import write_calibration as write_calibration
+    from tam_calibration.results.scenario import read_scenario as read_scenario
+    from tam_calibration.simulation import simulate as simulate
 
 _HOMES = {
     "Array": "model.array",
@@ -64,6 +47,8 @@ _HOMES = {
     "write_calibration": "results",
 }
 """The module of each public name."""
+
+__all__ = list(_HOMES)
 
 try:
     __version__ = version("tam_calibration")
