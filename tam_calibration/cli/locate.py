@@ -25,7 +25,7 @@ from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.recordings.fit_input import read_source
 from tam_calibration.report import survey_report
-from tam_calibration.report.blocks import Block, Text
+from tam_calibration.report.blocks import Text
 from tam_calibration.results import read_calibration, targets_file
 from tam_calibration.results.targets_file import Origin
 
@@ -76,11 +76,6 @@ class Wanted:
     def is_alternating(self) -> bool:
         """Whether an alternating source is located."""
         return self.frequency is not None or self.find_frequency
-
-    @property
-    def attitude_noise(self) -> float:
-        """Standard deviation of the attitude about each axis, radians."""
-        return float(from_degrees(self.attitude_noise_deg))
 
     @cached_property
     def regional_T(self) -> FloatArray | None:
@@ -237,7 +232,7 @@ def _located(data: Recording, calibration: Calibration, wanted: Wanted) -> Surve
         index=wanted.index,
         regional_T=wanted.regional_T,
         regional_covariance_T2=LOCAL_VARIANCE_T2,
-        attitude_noise=wanted.attitude_noise,
+        attitude_noise=from_degrees(wanted.attitude_noise_deg),
     )
 
 
@@ -254,9 +249,8 @@ def _give_targets(
     paths = [path_in(each, wanted.speed, wanted.velocity_error, error_m, drift_m) for each in data]
     if "grid" in places:
         require_area([path.at(each.time_s) for path, each in zip(paths, data, strict=True)])
-    lines = [
-        find_targets(each, calibration, path, wanted.attitude_noise) for path, each in zip(paths, data, strict=True)
-    ]
+    noise = from_degrees(wanted.attitude_noise_deg)
+    lines = [find_targets(each, calibration, path, noise) for path, each in zip(paths, data, strict=True)]
     targets = merged([each.targets for each in lines])
     if wanted.targets_path is not None:
         targets_file.write_targets(places["table"], targets, wanted.begin, suffix=wanted.targets_path.suffix)
@@ -269,9 +263,8 @@ def _give_targets(
     rows = survey_report.target_table(targets)
     notes = [f"{name}: {line.note}." for name, line in zip(names, lines, strict=True) if line.note]
     below = [*map(Text, notes)]
-    few: list[Block] = [rows, *below] if targets else [*below]
     mapping = targets_file.targets_to_mapping(targets, notes)
-    answer.give(mapping, survey_report.targets_answer(targets), few, [rows, *below])
+    answer.give(mapping, survey_report.targets_answer(targets), [rows, *below] if targets else below, [rows, *below])
 
 
 def _give_survey(survey: Survey, answer: Answer, report: Path | None, name: str) -> None:
