@@ -55,10 +55,7 @@ def gap_to_mapping(gap: Gap, source: Provenance | None = None) -> dict[str, Any]
         "schema": _SCHEMA,
         **attributes(gap, "verdict", "statement", "remarks"),
         "signature": [law_to_mapping(one) for one in gap.signature],
-        "gap": {
-            **sizes(gap.size),
-            **rounded({"closed_interval": gap.size.closed_interval, "floor_nT": to_nanotesla(gap.size.floor_T)}),
-        },
+        "gap": sizes(gap.size) | rounded({"floor_nT": to_nanotesla(gap.size.floor_T)}),
         "noise": [_noise(one) for one in gap.noise] or None,
         "where": rounded(attributes(gap.where, "sensors", "axes", "time_s", "frequency_hz", "evidence")),
         "causes": [_cause(cause) for cause in gap.causes],
@@ -138,11 +135,7 @@ def sizes(gap: Size) -> dict[str, Any]:
     """Return what a gap was and what is left of it: in noise floors, nT and nT/m, and the part that closes."""
     in_tesla = attributes(gap, "before_T", "after_T", "before_T_per_m", "after_T_per_m")
     in_nanotesla = {name.replace("_T", "_nT"): to_nanotesla(value) for name, value in in_tesla.items()}
-    return {
-        **rounded(attributes(gap, "before", "after", "closed")),
-        "closed_interval": list(gap.closed_interval),
-        **rounded(in_nanotesla),
-    }
+    return rounded(attributes(gap, "before", "after", "closed", "closed_interval") | in_nanotesla)
 
 
 def _noise(noise: AxisNoise) -> dict[str, Any]:
