@@ -217,13 +217,12 @@ class ScenarioFile(Document):
         )
 
     def _site_field_T(self) -> FloatArray:
-        if self.site is not None and self.place is None:
-            return self.site.field_T()
-        if self.place is not None and self.site is None:
-            return self.place.field_T()
-        raise InputError(
-            "give either site (intensity_nT, inclination_deg) or place (latitude_deg, longitude_deg, date)"
-        )
+        stated = [each for each in (self.site, self.place) if each is not None]
+        if len(stated) != 1:
+            raise InputError(
+                "give either site (intensity_nT, inclination_deg) or place (latitude_deg, longitude_deg, date)"
+            )
+        return stated[0].field_T()
 
 
 def scenario_of(content: dict[str, Any], folder: Path) -> Scenario:
