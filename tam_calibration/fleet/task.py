@@ -301,9 +301,8 @@ def _work(task: Task, folder: Path) -> Result:
         own = replace(fitted, source=origin)
         results.write_calibration(folder / "calibration.yaml", own)
         rest["sensors"] = results.calibration_to_mapping(own)["sensors"]
-        calibration = calibration or results.read_calibration(
-            folder / "calibration.yaml"
-        )  # what others will correct with
+        # What others will correct with.
+        calibration = calibration or results.read_calibration(folder / "calibration.yaml")
     with steps.step("diagnose"):
         found = diagnose(source, options.array)
         gap = replace(found, remarks=(*(() if usage is None else usage.remarks()), *found.remarks))

@@ -109,22 +109,19 @@ def plot_dependence(view: GapView, row: int) -> Figure:
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
     residue = view.gap.residue
-    panels: list[tuple[str, FloatArray, Callable[[FloatArray], float], str]] = [
-        ("rate of turning (°/s)", to_degrees(residue.rate), _root_mean_square, "root mean square")
+    panels: list[tuple[str, FloatArray, Callable[[FloatArray], float], str, float]] = [
+        ("rate of turning (°/s)", to_degrees(residue.rate), _root_mean_square, "root mean square", 1.0)
     ]
     for label, channel in (("temperature (°C)", residue.temperature_C), ("current (A)", residue.current_A)):
         if channel is not None:
-            panels.append((label, channel, np.mean, "mean"))
+            panels.append((label, channel, np.mean, "mean", 0.0))
     figure = page.new_figure(page.PAGE_WIDTH_INCH, 2.8)
-    for axes, (label, channel, measure, what) in zip(
-        figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
-    ):
+    places = figure.subplots(1, len(panels), squeeze=False)[0]
+    for axes, (label, channel, measure, what, of_noise) in zip(places, panels, strict=True):
         for state in view.states:
             values = state.rows_T[:, row] / residue.floor_T[row]
             axes.plot(*binned(channel, values, measure), ".-", color=state.color, linewidth=1, label=state.name)
-        axes.axhline(
-            1 if measure is _root_mean_square else 0, color=page.FLOOR_COLOR, linestyle="dashed", linewidth=0.8
-        )
+        axes.axhline(of_noise, color=page.FLOOR_COLOR, linestyle="dashed", linewidth=0.8)
         axes.set_xlabel(label)
         axes.set_title(what, loc="left", fontsize=8)
     figure.supylabel(f"{view.row_name(row)} (noise floors)")
@@ -146,13 +143,11 @@ def binned(
     measure : callable
         Returns one number for the values of a bin.
     """
-    known = np.isfinite(channel) & np.isfinite(values)
-    order = np.argsort(channel[known], kind="stable")
+    order = np.argsort(channel, kind="stable")
+    order = order[np.isfinite(channel + values)[order]]
     # Bins of equally many samples: enough to show a curve, few enough that each mean is certain.
     parts = [part for part in np.array_split(order, 12) if len(part)]
-    channel, values = channel[known], values[known]
-    middle = np.array([float(np.median(channel[part])) for part in parts])
-    return middle, np.array([measure(values[part]) for part in parts])
+    return np.array([np.median(channel[part]) for part in parts]), np.array([measure(values[part]) for part in parts])
 
 
 def _root_mean_square(values: FloatArray) -> float:
