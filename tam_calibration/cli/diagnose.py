@@ -27,12 +27,11 @@ from tam_calibration.results.results_json import gap_to_mapping
 
 def _blocks(gap: Gap) -> list[Block]:
     """Return the size of the gap, its causes, where it lies, what became of each hypothesis, and what to record."""
-    sensor_count = len(gap.residue.floor_T) // 3
-    blocks = [*law_blocks(gap, sensor_count), *gap_rows.size_blocks(gap)]
+    blocks = [*law_blocks(gap), *gap_rows.size_blocks(gap)]
     if gap.where.sensors:
-        blocks.append(Text(f"Where: {gap_rows.where_words(gap.where, sensor_count)}."))
+        blocks.append(Text(f"Where: {gap_rows.where_words(gap)}."))
     if gap.causes:
-        blocks += gap_rows.cause_blocks(gap, sensor_count)
+        blocks += gap_rows.cause_blocks(gap)
     if gap.checks is not None and gap.checks.sentences:
         left = "What remains with the causes, and" if gap.causes else "What"
         blocks += [Text(f"{left} the simulated twin does not have:"), Points(gap.checks.sentences)]
@@ -90,8 +89,8 @@ def command(
         effects = ",".join(cause.fitted.effect for cause in gap.causes)
         answer.give(
             gap_to_mapping(gap, source),
-            " ".join(filter(None, (first_sentence(gap, array.sensor_count), gap.headline, *gap.remarks[:1]))),
-            [*law_blocks(gap, array.sensor_count, is_short=True), *gap_rows.summary_blocks(gap), *used],
+            " ".join(filter(None, (first_sentence(gap), gap.headline, *gap.remarks[:1]))),
+            [*law_blocks(gap, is_short=True), *gap_rows.summary_blocks(gap), *used],
             [*_blocks(gap), *used],
             f"tam calibrate {recording} --array {array_path} --effects {effects}" if effects else "",
         )

@@ -273,6 +273,6 @@ def _in_words(gap: Gap) -> str:
         return "; no known effect explains it: see where and when it is, with tam diagnose --report"
     causes = " and ".join(name.replace("_", " ") for name in names)
     sensors = sorted({sensor for cause in gap.causes for sensor in cause.sensors}, key=str)
-    where = f" in {sensors_in_words(sensors, len(gap.residue.floor_T) // 3)}"
+    where = f" in {sensors_in_words(sensors, gap.sensor_count)}"
     verb = f"explain{'s' if len(names) == 1 else ''}{'' if gap.verdict == 'explained' else ' part of'}"
     return f"; {causes}{where} {verb} it: fit that too, with --effects {','.join(names)}"

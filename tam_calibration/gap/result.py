@@ -241,6 +241,11 @@ class Gap:
     remaining: tuple[Signature, ...] = ()
 
     @property
+    def sensor_count(self) -> int:
+        """Number of sensors K."""
+        return len(self.residue.floor_T) // 3
+
+    @property
     def most_unseen_errors(self) -> float:
         """Largest bias of a calibration parameter, in its standard errors, by a gap too small to be detected.
 

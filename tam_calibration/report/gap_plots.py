@@ -36,11 +36,6 @@ class GapView:
 
     gap: Gap
 
-    @property
-    def sensor_count(self) -> int:
-        """Number of sensors K."""
-        return len(self.gap.residue.floor_T) // 3
-
     @cached_property
     def states(self) -> tuple[State, ...]:
         """The recording, the recording without its causes where there are any, and the twin."""
@@ -75,7 +70,7 @@ class GapView:
 
     def row_name(self, row: int) -> str:
         """Return "sensor 2 x" or "scalar"."""
-        return "scalar" if row == 3 * self.sensor_count else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
+        return "scalar" if row == 3 * self.gap.sensor_count else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
 
 
 @page.in_style
@@ -226,11 +221,11 @@ _SHADES = LinearSegmentedColormap.from_list("gap", ["#f4f6f8", page.BEFORE_COLOR
 def plot_map(view: GapView) -> Figure:
     """Draw root mean squares over the floor, sensors downwards and axes across, one map a state on one scale."""
     states = view.states
-    figure = page.new_figure(page.PAGE_WIDTH_INCH, 1.3 + 0.3 * (view.sensor_count + 1))
+    figure = page.new_figure(page.PAGE_WIDTH_INCH, 1.3 + 0.3 * (view.gap.sensor_count + 1))
     largest = np.nanmax([*(np.nanmax(state.ratio, initial=1.0) for state in states), 2.0])
     scale = LogNorm(1.0, largest, clip=True)
     for index, (axes, state) in enumerate(zip(figure.subplots(1, len(states), squeeze=False)[0], states, strict=True)):
-        _draw(axes, state, view.sensor_count, scale)
+        _draw(axes, state, view.gap.sensor_count, scale)
         if index:
             axes.set_yticklabels([])
     figure.supxlabel("root mean square of the residual, in noise floors")

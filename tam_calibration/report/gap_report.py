@@ -41,7 +41,7 @@ def _where(view: gap_plots.GapView) -> list[Block]:
     """Return the sensors, axes, times and directions of the gap."""
     row = view.rows[0]
     name = view.row_name(row)
-    words = gap_rows.where_words(view.gap.where, view.sensor_count)
+    words = gap_rows.where_words(view.gap)
     found = f"The gap lies in: {words}." if view.gap.where.sensors else "No place stands out."
     band = "" if view.gap.where.frequency_hz is None else "; the band of the gap is shaded"
     return [
@@ -85,7 +85,7 @@ def _causes(view: gap_plots.GapView) -> list[Block]:
     )
     if not gap.causes:
         return [Text("No effect of the library is supported by these data."), *blocks]
-    return [*blocks, *gap_rows.cause_blocks(gap, view.sensor_count)]
+    return [*blocks, *gap_rows.cause_blocks(gap)]
 
 
 def _shrinkage(view: gap_plots.GapView) -> list[Block]:
@@ -119,12 +119,12 @@ def _signature(view: gap_plots.GapView) -> list[Block]:
     """Return what the gap does, where and when, and what could do that; nothing without a law."""
     if not view.gap.signature:
         return []
-    blocks = [Text(first_sentence(view.gap, view.sensor_count), "doubt"), *law_blocks(view.gap, view.sensor_count)]
+    blocks = [Text(first_sentence(view.gap), "doubt"), *law_blocks(view.gap)]
     for law in view.gap.signature:
         if law.curve is not None:
             blocks += figure_blocks(
                 gap_plots.plot_course(law.curve),
-                f"Course: {law_sentence(law, view.sensor_count)}",
+                f"Course: {law_sentence(law, view.gap.sensor_count)}",
                 "the size of the disturbance, with a band of two standard errors on either side.",
                 "no curve: noise has no course.",
             )
@@ -166,7 +166,7 @@ def write_gap_report(path: Path, gap: Gap, source: Provenance | None = None) -> 
         Section("What explained nothing", _considered(gap)),
         Section("What to record next", [Text(sentence(gap.next_recording))] if gap.next_recording else []),
     ]
-    parts = [counted(view.sensor_count, "sensor"), f"{count(len(gap.residue.time_s))} samples"]
+    parts = [counted(gap.sensor_count, "sensor"), f"{count(len(gap.residue.time_s))} samples"]
     if source is not None:
         parts = [source.name, *parts, f"SHA-256 {source.sha256}"]
     write_page(path, "The gap between recording and simulation", ", ".join(parts), sections)

@@ -9,7 +9,7 @@ from tam_calibration.effects.effect import Sized
 from tam_calibration.effects.library import effect_named
 from tam_calibration.gap.laws.law import Signature, causes_of, in_words
 from tam_calibration.gap.noise import AxisNoise
-from tam_calibration.gap.result import Cause, Considered, Gap, Size, Where
+from tam_calibration.gap.result import Cause, Considered, Gap, Size
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.units import for_people, to_nanotesla
@@ -25,7 +25,7 @@ def verdict_blocks(gap: Gap) -> list[Block]:
 
 def summary_blocks(gap: Gap) -> list[Block]:
     """Return remarks behind the first, the size of the gap, its causes and what to record next, in a few lines."""
-    size, sensor_count = gap.size, len(gap.residue.floor_T) // 3
+    size = gap.size
     blocks: list[Block] = [Text(remark, "doubt") for remark in gap.remarks[1:]]
     if gap.verdict != "not_identifiable":
         before, after = (number(to_nanotesla(value)) for value in (size.before_T, size.after_T))
@@ -38,7 +38,7 @@ def summary_blocks(gap: Gap) -> list[Block]:
     for cause in gap.causes:
         others = cause.indistinguishable_from
         like = f"; cannot be told from {join([name.replace('_', ' ') for name in others])}" if others else ""
-        where = sensors_in_words(cause.sensors, sensor_count, cause.axes)
+        where = sensors_in_words(cause.sensors, gap.sensor_count, cause.axes)
         found = f"probability {percent(cause.probability)}, explains {percent(cause.r2_cv)} out of sample"
         blocks.append(Text(f"{cause.fitted.effect}: {where}; {found}{like}."))
     return [*blocks, *_remainder(gap), *next_blocks(gap)]
@@ -65,24 +65,16 @@ def size_blocks(gap: Gap) -> list[Block]:
     return [*blocks, *_remainder(gap), *map(Text, (*set_words(gap), *unseen_words(gap)))]
 
 
-def cause_blocks(gap: Gap, sensor_count: int) -> list[Block]:
-    """Return the causes, ranked, with their parameters, the first block a table of all.
-
-    Parameters
-    ----------
-    gap : Gap
-        With a cause at least.
-    sensor_count : int
-        Number of sensors of the array.
-    """
+def cause_blocks(gap: Gap) -> list[Block]:
+    """Return the causes of a gap that has some, ranked, with their parameters, the first block a table of all."""
     header = ("cause", "where", "probability", "share", "explains out of sample", "ΔBIC", "cannot be told from")
-    rows = [_cause_row(cause, sensor_count) for cause in gap.causes]
+    rows = [_cause_row(cause, gap.sensor_count) for cause in gap.causes]
     blocks: list[Block] = [Table(header, rows, numeric=False)]
     for cause in gap.causes:
         effect = effect_named(cause.fitted.effect)
         blocks.append(Text(f"{cause.fitted.effect}: {effect.title}. {effect.physics}"))
         if rows := number_rows(cause.fitted, cause.units):
-            where = sensors_in_words(cause.sensors, sensor_count, cause.axes)
+            where = sensors_in_words(cause.sensors, gap.sensor_count, cause.axes)
             columns = ("parameter", "value ± standard error", "unit")
             blocks.append(Table(columns, rows, f"{cause.fitted.effect}: {where}", numeric=False))
         if words := cause_words(cause):
@@ -171,17 +163,10 @@ def closed_words(size: Size) -> str:
     return f"{percent(size.closed)} of the gap's energy is closed (95 % confidence: {low} to {high})"
 
 
-def where_words(where: Where, sensor_count: int) -> str:
-    """Say in which sensors, axes, times and frequencies the gap lies.
-
-    Parameters
-    ----------
-    where : Where
-        Place of the gap.
-    sensor_count : int
-        Number of sensors of the array: all of them are not named one by one.
-    """
-    parts = [sensors_in_words(where.sensors, sensor_count, where.axes)]
+def where_words(gap: Gap) -> str:
+    """Say in which sensors, axes, times and frequencies a gap lies; all sensors are not named one by one."""
+    where = gap.where
+    parts = [sensors_in_words(where.sensors, gap.sensor_count, where.axes)]
     if where.time_s is not None:
         parts.append(f"from {fixed(where.time_s[0], 2)} to {fixed(where.time_s[1], 2)} s")
     if where.frequency_hz is not None:
@@ -312,26 +297,24 @@ def causes_sentence(law: Signature) -> str:
     return f"Causes with this signature: {'; '.join(named)}."
 
 
-def law_blocks(gap: Gap, sensor_count: int, is_short: bool = False) -> list[Block]:
+def law_blocks(gap: Gap, is_short: bool = False) -> list[Block]:
     """Return what could make the strongest law, then the other laws, of which the short form leaves out the causes.
 
     Parameters
     ----------
     gap : Gap
         Whose strongest law ``first_sentence`` says.
-    sensor_count : int
-        Number of sensors K.
     is_short : bool
         Whether to leave out the causes of the other laws.
     """
     words = [causes_sentence(law) for law in gap.signature[:1]]
     for law in gap.signature[1:]:
         causes = "" if is_short else causes_sentence(law)
-        words.append(" ".join(filter(None, (law_sentence(law, sensor_count, bool(gap.causes)), causes))))
-    left = [f"What its causes leave: {law_sentence(law, sensor_count)}" for law in gap.remaining]
+        words.append(" ".join(filter(None, (law_sentence(law, gap.sensor_count, bool(gap.causes)), causes))))
+    left = [f"What its causes leave: {law_sentence(law, gap.sensor_count)}" for law in gap.remaining]
     return [*(Text(one) for one in words if one), *(Text(one, "doubt") for one in left)]
 
 
-def first_sentence(gap: Gap, sensor_count: int) -> str:
+def first_sentence(gap: Gap) -> str:
     """Return the strongest law in words; empty without one."""
-    return law_sentence(gap.signature[0], sensor_count, bool(gap.causes)) if gap.signature else ""
+    return law_sentence(gap.signature[0], gap.sensor_count, bool(gap.causes)) if gap.signature else ""
