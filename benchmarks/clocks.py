@@ -28,7 +28,7 @@ from tam_calibration.results.scenario import read_scenario
 
 SPAN_S = 60.0
 """Of a run: enough turns for a calibration, and six thousand samples at 100 Hz."""
-LAYOUT = SampleLayout(4, scalar=True)
+LAYOUT = SampleLayout(4, ("scalar",))
 SCENARIO = read_scenario("wu_table_1")
 FIELD_T = SCENARIO.site_field_T
 GRADIENT = slice(3, len(OUTPUT_NAMES))

@@ -43,7 +43,7 @@ NOISE_T = 1e-9
 """Standard deviation of an axis: that of the array that is shipped."""
 START_S, END_S = 20.0, 5.0
 """Longest wait for the start of the nodes, and for the last answers."""
-LAYOUT = SampleLayout(4, attitude=True)
+LAYOUT = SampleLayout(4, ("attitude",))
 CROSS = configuration_folder() / "cross.yaml"
 RESULTS = Path(__file__).parent / "results" / "localizer.csv"
 

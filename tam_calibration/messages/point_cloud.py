@@ -5,7 +5,7 @@ The header's stamp is the exact time of a row.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -96,44 +96,30 @@ class SampleLayout:
     ----------
     sensor_count : int
         Number of sensors K.
-    scalar, temperature, current, attitude, gyroscope, position : bool
-        Whether the channel has a column (the attitude four, gyroscope and position three); a value that is missing is
-        NaN.
-    further : tuple of str
-        Further currents and actuators by the names of their columns, in their order.
+    channels : tuple of str
+        Names of the channels that there are, in the order of `CHANNEL_COLUMNS`, then further ones by their columns; a
+        value that is missing is NaN.
     """
 
     sensor_count: int
-    scalar: bool = False
-    temperature: bool = False
-    current: bool = False
-    attitude: bool = False
-    gyroscope: bool = False
-    position: bool = False
-    further: tuple[str, ...] = field(default=(), kw_only=True)
+    channels: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns in SI: time_s, b1x_T … bKz_T, then those of the channels, then further ones."""
         channels = (column for channel in self.channels for column in columns_of(channel))
         return ("time_s", *reading_columns(self.sensor_count), *channels)
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels that there are, in the order of their columns."""
-        return (*(channel for channel in CHANNEL_COLUMNS if getattr(self, channel)), *self.further)
-
     @classmethod
     def whole(cls, sensor_count: int, further: tuple[str, ...] = ()) -> "SampleLayout":
         """Return the layout with all channels of a node, and some further ones."""
-        known = dict.fromkeys(("scalar", "temperature", "current", "attitude", "gyroscope"), True)
-        return cls(sensor_count, **known, further=further)
+        return cls(sensor_count, (*CHANNEL_TOPICS, *further))
 
     @classmethod
     def of(cls, recording: Recording) -> "SampleLayout":
         """Return the layout of the samples of a recording."""
-        present = {channel: recording.channel(name) is not None for channel, name in _NAMES.items()}
-        return cls(recording.sensor_count, **present, further=tuple(recording.further))
+        known = (channel for channel, name in _NAMES.items() if recording.channel(name) is not None)
+        return cls(recording.sensor_count, (*known, *recording.further))
 
     @classmethod
     def from_columns(cls, columns: Sequence[str]) -> "SampleLayout":
@@ -145,11 +131,19 @@ class SampleLayout:
             When no layout has them in this order.
         """
         sensor_count = sum(name.startswith("b") and name.endswith("x_T") for name in columns)
-        further = require_further(filter(is_further, columns))
-        layout = cls(sensor_count, *(names[0] in columns for names in CHANNEL_COLUMNS.values()), further=further)
+        known = (channel for channel, names in CHANNEL_COLUMNS.items() if names[0] in columns)
+        layout = cls(sensor_count, (*known, *require_further(filter(is_further, columns))))
         if layout.columns != tuple(columns) or sensor_count == 0:
             raise InputError(f"samples must have the columns {', '.join(layout.columns)}, not {', '.join(columns)}")
         return layout
+
+    def channel(self, rows: FloatArray, channel: str) -> FloatArray:
+        """Return the (N, width) values of a channel in (N, columns) rows; NaN where there is none."""
+        names = columns_of(channel)
+        if channel not in self.channels:
+            return np.full((len(rows), len(names)), np.nan)
+        first = self.columns.index(names[0])
+        return rows[:, first : first + len(names)]
 
     def widened(self, columns: Sequence[str], rows: FloatArray) -> FloatArray:
         """Return rows of some of the columns, by their names, with NaN in the others."""
@@ -161,8 +155,7 @@ class SampleLayout:
         """Return which of (N, columns) rows a recording can hold: of sizes that can be, the readings known."""
         first, sizes = 1 + 3 * self.sensor_count, np.abs(rows)
         has_readings = (sizes[:, :first] <= self._largest[:first]).all(axis=1)
-        at = [self.columns.index(name) for name in ATTITUDE_COLUMNS if self.attitude]
-        has_attitude = ~(sizes[:, at] < SHORTEST_ATTITUDE).all(axis=1) | (not self.attitude)
+        has_attitude = ~(self.channel(sizes, "attitude") < SHORTEST_ATTITUDE).all(axis=1)
         return np.asarray(has_readings & has_attitude & ~(sizes[:, first:] > self._largest[first:]).any(axis=1))
 
     @cached_property

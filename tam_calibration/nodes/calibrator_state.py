@@ -16,7 +16,6 @@ from tam_calibration.live.live import ON_CHANGE, Live, LiveState
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.recording import RATE_COLUMNS
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import OK, WARN, TamNode
 from tam_calibration.nodes.node_parameters import Rule
@@ -275,8 +274,7 @@ class LiveUpdate:
         """Return samples as `Live.add` takes them, without the effects; none where stamps step back."""
         last = 1 + 3 * self._array.sensor_count
         if self._stored is None or not self._stored.effects or self._removal is None:
-            first = self._layout.columns.index(RATE_COLUMNS[0])
-            return rows[:, : last + 2], rows[:, first : first + len(RATE_COLUMNS)]
+            return rows[:, : last + 2], self._layout.channel(rows, "gyroscope")
         try:
             recording = self._removal.of(self._layout.recording(rows))
         except InputError:

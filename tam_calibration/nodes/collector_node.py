@@ -72,7 +72,7 @@ class Collector(TamNode):
         self._at_rates = slice(first, first + len(RATE_COLUMNS))
         self._sensors = [sensor_stream(sensor + 1) for sensor in range(sensor_count)]
         scalar_type, map_file = self.value("scalar_type"), self.value("map_file")
-        self._map = map_of_topics(map_file, self._layout) if map_file else own_map(self._layout, scalar_type)
+        self._map = map_of_topics(map_file, self._array) if map_file else own_map(self._array, scalar_type)
         self._topics_of_sensors = list(dict.fromkeys(pick.topic for pick in self._map.sensors))
         self._is_received, self._scalar_is_held = self._map.time == "received", False
         self._frame_id: str = self.value("frame_id")

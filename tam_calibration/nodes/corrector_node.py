@@ -152,7 +152,8 @@ class Corrector(CalibratedNode):
         readings = rows.values[:, 1:last].reshape(len(rows.values), -1, 3)
         outputs = calibration.apply(readings)
         errors = [calibration.output_standard_errors] * len(outputs)
-        scalar = rows.values[:, last] if layout.scalar else np.empty(0)
+        has_scalar = "scalar" in layout.channels
+        scalar = rows.values[:, last] if has_scalar else np.empty(0)
         codes = self._codes_of(correction, rows.values[:, 0], readings, outputs)
         if codes is not None:
             correction.partial.put(outputs, readings, codes)
@@ -166,7 +167,7 @@ class Corrector(CalibratedNode):
                     scalar[run] = batch.scalar_T
                 for index, own in zip(run, batch.standard_errors, strict=True):
                     errors[index] = own
-        if layout.scalar:
+        if has_scalar:
             self._lengths.append((outputs[:, :3], scalar))
         self._newest_s = float(rows.values[-1, 0])
         self._corrected += len(outputs)

@@ -15,9 +15,10 @@ from tam_calibration.messages import point_cloud
 from tam_calibration.messages.cdr import FRAME_ID, read_float64, read_frame_id, read_stamp_and_doubles, stamp_of
 from tam_calibration.messages.message_fields import LONGEST_LISTED, stamp_fields
 from tam_calibration.messages.missing import in_words
-from tam_calibration.messages.point_cloud import SampleLayout, is_channel
+from tam_calibration.messages.point_cloud import is_channel
 from tam_calibration.messages.samples import expected_frames, other_frame
 from tam_calibration.messages.stream import sensor_stream
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT
@@ -124,13 +125,13 @@ class Input:
         return stamp_of(*(int(get(content)) for get in self._stamp)) if self._stamp else None, values
 
 
-def own_map(layout: SampleLayout, scalar_type: str) -> ChannelMap:
+def own_map(array: Array, scalar_type: str) -> ChannelMap:
     """Return the map of the topics of this package.
 
     Parameters
     ----------
-    layout : SampleLayout
-        The sensors and further channels that there are.
+    array : Array
+        With the sensors and further channels that there are.
     scalar_type : str
         Type of the scalar's messages.
     """
@@ -139,21 +140,21 @@ def own_map(layout: SampleLayout, scalar_type: str) -> ChannelMap:
         topic, kind = point_cloud.topic_and_type(stream)
         return Pick(topic=topic, type=kind)
 
-    sensors = [pick(sensor_stream(number + 1)) for number in range(layout.sensor_count)]
+    sensors = [pick(sensor_stream(number + 1)) for number in range(array.sensor_count)]
     channels: dict[str, Any] = {name: pick(name) for name in point_cloud.CHANNEL_TOPICS}
     channels["scalar"] = replace(channels["scalar"], type=scalar_type, unit="T")
-    return ChannelMap(sensors=sensors, further={name: pick(name) for name in layout.further}, **channels)
+    return ChannelMap(sensors=sensors, further={name: pick(name) for name in array.further_channels}, **channels)
 
 
-def map_of_topics(path: str, layout: SampleLayout) -> ChannelMap:
+def map_of_topics(path: str, array: Array) -> ChannelMap:
     """Read the map of topics.
 
     Parameters
     ----------
     path : str
         Its file.
-    layout : SampleLayout
-        The sensors and further channels that there are.
+    array : Array
+        With the sensors and further channels that there are.
 
     Raises
     ------
@@ -165,9 +166,9 @@ def map_of_topics(path: str, layout: SampleLayout) -> ChannelMap:
         pick.topic and not pick.instance for pick in found.streams.values()
     ):
         raise InputError(f"{path} is the map of a text file or log: on line each sensor and channel needs a topic")
-    if len(found.sensors) != layout.sensor_count:
-        raise InputError(f"{path} has {len(found.sensors)} sensors, the array {layout.sensor_count}")
-    if unknown := sorted(found.further.keys() - set(layout.further)):
+    if len(found.sensors) != array.sensor_count:
+        raise InputError(f"{path} has {len(found.sensors)} sensors, the array {array.sensor_count}")
+    if unknown := sorted(found.further.keys() - set(array.further_channels)):
         raise InputError(f"{path} has {', '.join(unknown)}, which further_channels of the array file does not name")
     return found
 

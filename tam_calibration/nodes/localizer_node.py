@@ -22,7 +22,6 @@ from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SOURCE_
 from tam_calibration.messages.stream import SILENCE_NS
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
-from tam_calibration.model.recording import ATTITUDE_COLUMNS, RATE_COLUMNS
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health
 from tam_calibration.nodes.calibrated import CALIBRATED, CalibratedNode
@@ -179,9 +178,8 @@ class Localizer(CalibratedNode):
     def _take_samples(self, messages: list[bytes]) -> None:
         joined: list[Joined] = []
         for rows in self._readers["samples"].read(messages):
-            attitudes, rates = (
-                _columns(rows.values, rows.columns, names) for names in (ATTITUDE_COLUMNS, RATE_COLUMNS)
-            )
+            layout = self._layout_of(rows.columns)
+            attitudes, rates = (layout.channel(rows.values, channel) for channel in ("attitude", "gyroscope"))
             stamps = list(map(from_stamp, rows.stamps))
             for stamp_ns, attitude in zip(stamps, attitudes, strict=True):
                 joined += self._join.push_attitude(stamp_ns, attitude)
@@ -294,13 +292,6 @@ class Localizer(CalibratedNode):
         if self._estimate.get_subscription_count():
             for stamp, row in zip(stamps, source_rows(solutions), strict=True):
                 self._estimate.publish(self._estimate_writer.message(stamp, row.tobytes()))
-
-
-def _columns(values: FloatArray, columns: tuple[str, ...], names: tuple[str, ...]) -> FloatArray:
-    """Return the columns of those names, NaN where there are none."""
-    if names[0] not in columns:
-        return np.full((len(values), len(names)), np.nan)
-    return values[:, [columns.index(name) for name in names]]
 
 
 def _require_outputs(columns: tuple[str, ...]) -> None:

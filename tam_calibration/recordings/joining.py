@@ -24,7 +24,7 @@ from tam_calibration.model.limits import largest_of
 from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.recording import RATE_COLUMNS
 from tam_calibration.model.units import FloatArray, IntArray
-from tam_calibration.recordings.channel_map import CHANNEL_WIDTHS, Clock, FieldUnit, Pick, Reading
+from tam_calibration.recordings.channel_map import Clock, FieldUnit, Pick, Reading
 from tam_calibration.recordings.intake import Intake, axes_of
 from tam_calibration.recordings.tables import Source, Wanted
 
@@ -80,10 +80,8 @@ class Streams:
     @cached_property
     def layout(self) -> SampleLayout:
         """The columns of a sample."""
-        channels = [name for name in self.wanted if is_channel(name)]
-        known = {name: True for name in channels if name in CHANNEL_WIDTHS}
-        further = tuple(name for name in channels if name not in CHANNEL_WIDTHS)
-        return SampleLayout(len(self.wanted) - len(channels), **known, further=further)
+        channels = tuple(filter(is_channel, self.wanted))
+        return SampleLayout(len(self.wanted) - len(channels), channels)
 
     @property
     def scalar_is_held(self) -> bool:

@@ -18,7 +18,7 @@ MS = 1_000_000
 PERIOD = 10 * MS
 PATIENCE = 100 * MS
 SILENCE = 150 * MS
-ALL = SampleLayout(3, scalar=True, temperature=True, current=True, attitude=True, further=("actuator_rudder",))
+ALL = SampleLayout(3, ("scalar", "temperature", "current", "attitude", "actuator_rudder"))
 WIDTH = {"scalar": 1, "temperature": 1, "current": 1, "attitude": 4, "actuator_rudder": 1}
 
 

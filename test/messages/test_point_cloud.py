@@ -7,7 +7,7 @@ from numpy.testing import assert_array_equal
 from tam_calibration.messages.point_cloud import FIELD_GRADIENT_COLUMNS, SampleLayout, center_covariance, field_offsets
 from tam_calibration.model.exceptions import InputError
 
-FULL = SampleLayout(2, scalar=True, temperature=True, current=True, attitude=True)
+FULL = SampleLayout(2, ("scalar", "temperature", "current", "attitude"))
 
 
 def test_columns_are_in_the_order_of_the_design():
@@ -26,10 +26,10 @@ def test_columns_are_in_the_order_of_the_design():
     [
         FULL,
         SampleLayout(1),
-        SampleLayout(4, scalar=True),
-        SampleLayout(11, attitude=True),
-        SampleLayout(2, current=True, attitude=True, further=("current_2_A", "actuator_rudder")),
-        SampleLayout(3, further=("actuator_rudder",)),
+        SampleLayout(4, ("scalar",)),
+        SampleLayout(11, ("attitude",)),
+        SampleLayout(2, ("current", "attitude", "current_2_A", "actuator_rudder")),
+        SampleLayout(3, ("actuator_rudder",)),
     ],
 )
 def test_a_layout_is_known_by_its_columns(layout):
@@ -67,7 +67,7 @@ def test_the_covariance_of_the_center_is_row_major():
 
 def test_a_sample_that_lacks_sensors_is_told_from_one_that_is_none():
     """All axes of a sensor are NaN, not one; another sensor is there; nothing is infinite."""
-    layout = SampleLayout(2, temperature=True)
+    layout = SampleLayout(2, ("temperature",))
     rows = np.ones((6, len(layout.columns)))
     rows[1, 1:4] = rows[2, 1:7] = rows[3, 2] = rows[4, 4:7] = rows[5, 1:4] = np.nan
     rows[4, 7], rows[5, 4] = np.nan, np.inf

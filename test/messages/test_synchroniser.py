@@ -16,8 +16,8 @@ from tam_calibration.messages.timeline import StampStep
 MS = 1_000_000
 PERIOD = 10 * MS
 START = 1_700_000_000_000 * MS
-CROSS = SampleLayout(4, scalar=True)
-ALL = SampleLayout(2, scalar=True, temperature=True, current=True, attitude=True)
+CROSS = SampleLayout(4, ("scalar",))
+ALL = SampleLayout(2, ("scalar", "temperature", "current", "attitude"))
 
 
 def message(stream, stamp_ns):
@@ -68,8 +68,8 @@ def test_the_nearest_message_within_the_tolerance_is_taken():
 
 def test_a_scalar_that_arrives_later_is_waited_for():
     """A scalar whose topic lags by less than the patience is not lost; each sample keeps its own."""
-    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, patience_ns=50 * MS, expected=["scalar"])
-    lagging = sorted(steady(SampleLayout(1, scalar=True), 30), key=lambda one: one[1] + 45 * MS * (one[0] == "scalar"))
+    synchroniser = Synchroniser(SampleLayout(1, ("scalar",)), MS, patience_ns=50 * MS, expected=["scalar"])
+    lagging = sorted(steady(SampleLayout(1, ("scalar",)), 30), key=lambda one: one[1] + 45 * MS * (one[0] == "scalar"))
     samples = push_all(synchroniser, lagging)
     assert [sample.values[3] for sample in samples] == [sample.stamp_ns / 1e9 for sample in samples]
     assert len(samples) == 30
@@ -77,7 +77,7 @@ def test_a_scalar_that_arrives_later_is_waited_for():
 
 def test_a_scalar_that_never_comes_delays_by_no_more_than_the_patience():
     """Samples without scalar come out with NaN when the sensors have run ahead by the patience."""
-    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, patience_ns=50 * MS, expected=["scalar"])
+    synchroniser = Synchroniser(SampleLayout(1, ("scalar",)), MS, patience_ns=50 * MS, expected=["scalar"])
     out = [synchroniser.push(*message("tam_1", index * PERIOD)) for index in range(20)]
     assert [len(samples) for samples in out] == [0] * 5 + [1] * 15
     assert math.isnan(out[-1][0].values[3])
@@ -86,13 +86,13 @@ def test_a_scalar_that_never_comes_delays_by_no_more_than_the_patience():
 
 def test_a_channel_that_was_not_seen_is_not_waited_for():
     """Without expectation a silent channel costs no delay."""
-    synchroniser = Synchroniser(SampleLayout(1, scalar=True, temperature=True), MS)
+    synchroniser = Synchroniser(SampleLayout(1, ("scalar", "temperature")), MS)
     assert len(synchroniser.push(*message("tam_1", 0))) == 1
 
 
 def test_held_channels_have_their_newest_value_and_a_maximum_age():
     """A held value is the newest at or before the sample, and NaN when older than its maximum age."""
-    synchroniser = Synchroniser(SampleLayout(1, current=True), MS)
+    synchroniser = Synchroniser(SampleLayout(1, ("current",)), MS)
     messages = [message("tam_1", 0), message("current", 9 * MS), message("current", 11 * MS)]
     messages += [message("tam_1", index * PERIOD) for index in range(1, 205)]
     values = [sample.values[3] for sample in push_all(synchroniser, messages)]
@@ -102,7 +102,7 @@ def test_held_channels_have_their_newest_value_and_a_maximum_age():
 
 def test_a_scalar_without_stamp_joins_the_next_sample_alone():
     """Of messages that come between two samples the newest two join the next two, and no message joins twice."""
-    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, scalar_is_held=True)
+    synchroniser = Synchroniser(SampleLayout(1, ("scalar",)), MS, scalar_is_held=True)
     samples = synchroniser.push(*message("tam_1", 7))
     for value in (1.0, 2.0, 3.0):
         synchroniser.push("scalar", None, (value,))
@@ -116,7 +116,7 @@ def test_nothing_is_lost_of_a_scalar_without_stamps(hold_patience_ns):
     """At the rate of the sensors, before or after them by chance, each sample has a value of its own."""
     random = Random(1)
     synchroniser = Synchroniser(
-        SampleLayout(1, scalar=True),
+        SampleLayout(1, ("scalar",)),
         hold_patience_ns=hold_patience_ns,
         scalar_is_held=True,
         expected=["scalar"] * (hold_patience_ns > 0),
@@ -326,7 +326,7 @@ def test_stated_delays_are_taken_off_the_stamps():
 
 def test_a_stated_delay_of_the_scalar_is_taken_off_its_stamps():
     """Stamped three samples late at 10 Hz, its readings join the samples that they were taken with."""
-    layout = SampleLayout(2, scalar=True)
+    layout = SampleLayout(2, ("scalar",))
     true = [one for one in steady(layout, 200) if one[0] != "scalar" or one[1] % (10 * PERIOD) == 0]
     late = [(name, stamp + 30 * MS * (name == "scalar"), values) for name, stamp, values in true]
     late.sort(key=lambda one: one[1])
@@ -353,7 +353,7 @@ def test_lost_messages_cost_no_sample_up_to_seven_in_a_row(lost, samples):
 
 def test_a_scalar_with_a_clock_of_its_own_joins_the_nearest_sample():
     """At 10 Hz and 3 ms off, each of its messages is part of one sample, once the interval of samples is known."""
-    layout = SampleLayout(1, scalar=True)
+    layout = SampleLayout(1, ("scalar",))
     messages = steady(layout, 200, streams=["tam_1"])
     messages += [message("scalar", 10 * index * PERIOD + 3 * MS) for index in range(20)]
     messages.sort(key=lambda one: one[1])
@@ -426,7 +426,7 @@ def test_samples_do_not_depend_on_the_interleaving(seed):
 def test_a_loss_makes_no_stream_late(seed, tolerance_ns, loss, jitter_ns):
     """Whatever the tolerance and what is lost, a sample has the messages of its own period where they came."""
     random = Random(seed)
-    layout = SampleLayout(3, scalar=True)
+    layout = SampleLayout(3, ("scalar",))
     streams, came = [], {}
     for name in ("tam_1", "tam_2", "tam_3", "scalar"):
         kept = [index for index in range(120) if random.random() > loss]
@@ -527,7 +527,7 @@ def test_a_stream_whose_clock_lags_is_joined_in_a_stall_alone():
 @pytest.mark.parametrize("slower", [1, 3, 100])
 def test_samples_are_not_held_up_for_ever_by_a_recording_that_is_played_slowly(slower):
     """Each message comes later than its stamp tells; samples without a scalar still come, two samples late at most."""
-    layout = SampleLayout(1, scalar=True)
+    layout = SampleLayout(1, ("scalar",))
     synchroniser = Synchroniser(layout, MS, expected=["scalar"])
     delivered = [
         len(synchroniser.push(*message("tam_1", START + 100 * MS * index), START + slower * 100 * MS * index))
@@ -538,7 +538,7 @@ def test_samples_are_not_held_up_for_ever_by_a_recording_that_is_played_slowly(s
 
 def test_a_clock_of_arrival_that_is_set_back_holds_up_nothing():
     """After a stall it is an hour earlier: samples without a scalar come with the usual patience."""
-    synchroniser = Synchroniser(SampleLayout(1, scalar=True), MS, expected=["scalar"])
+    synchroniser = Synchroniser(SampleLayout(1, ("scalar",)), MS, expected=["scalar"])
     count = 0
     for index in range(300):
         arrived = START + index * PERIOD + (10**10 if index == 100 else 0) - (3600 * 10**9 if index > 100 else 0)

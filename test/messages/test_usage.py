@@ -123,7 +123,7 @@ def with_channel(name, layout, channel_stamps):
 
 def test_a_scalar_without_stamps_is_refused():
     """The scale would be another one without it; nothing else tells that it was lost."""
-    usage = with_channel("scalar", SampleLayout(2, scalar=True), [0] * 100).usage
+    usage = with_channel("scalar", SampleLayout(2, ("scalar",)), [0] * 100).usage
     with pytest.raises(
         Refused, match="of 100 messages of scalar 99 repeat the stamp before: all its stamps are zero: correct that"
     ):
@@ -132,7 +132,7 @@ def test_a_scalar_without_stamps_is_refused():
 
 def test_a_temperature_without_values_is_a_warning():
     """No fit needs it; half of it may be lost."""
-    layout = SampleLayout(2, temperature=True)
+    layout = SampleLayout(2, ("temperature",))
     stamps = [START + index * PERIOD for index in range(50)]
     synchroniser = with_channel("temperature", layout, stamps)
     synchroniser.refuse("temperature", 50)

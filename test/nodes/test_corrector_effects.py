@@ -15,7 +15,7 @@ from tam_calibration.simulation import simulate
 
 sensor_msgs = pytest.importorskip("sensor_msgs.msg", reason="the ROS message packages are not installed")
 
-LAYOUT = SampleLayout(4, scalar=True, temperature=True, current=True, attitude=True)
+LAYOUT = SampleLayout(4, ("scalar", "temperature", "current", "attitude"))
 SILENT_S = 100.0
 """Longer than the collector holds a temperature."""
 

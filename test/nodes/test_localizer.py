@@ -20,7 +20,7 @@ geometry_msgs = pytest.importorskip("geometry_msgs.msg", reason="the ROS message
 FIRST = 60
 """Samples far from the source."""
 STATUS = SOURCE_COLUMNS.index("status")
-LAYOUT = SampleLayout(4, attitude=True)
+LAYOUT = SampleLayout(4, ("attitude",))
 
 
 @pytest.fixture(scope="module")
@@ -322,7 +322,7 @@ def test_the_targets_of_the_last_stretch_are_published(bench, passing, calibrati
     odometry = bench.node.create_publisher(Odometry, "odometry", RELIABLE_STREAM)
     wanted = {"publishers./samples": "1", "publishers./odometry": "1", "subscribers./targets": "1"}
     bench.health("localizer", lambda _, figures: wanted.items() <= figures.items(), "all are connected")
-    layout, rates = SampleLayout(4, attitude=True, gyroscope=True), np.zeros((passing.sample_count, 3))
+    layout, rates = SampleLayout(4, ("attitude", "gyroscope")), np.zeros((passing.sample_count, 3))
     rates[::2] = np.nan
     passing = replace(passing, angular_velocity_rad_s=rates)
     for index, (stamp, row) in enumerate(zip(stamps(passing), layout.rows(passing), strict=True)):

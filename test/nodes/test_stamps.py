@@ -120,7 +120,7 @@ def test_a_bad_message_costs_one_sample(bench, recording, nodes):
     bench.spin_until(lambda: len(samples) == len(expected), "all samples come back")
     rows = np.concatenate([read_cloud(cloud)[1] for cloud in samples])
     assert_array_equal(rows[:, 1:13], recording.readings_T[expected].reshape(-1, 12))
-    layout, other = SampleLayout(4, scalar=True, temperature=True, current=True, attitude=True), SampleLayout(2)
+    layout, other = SampleLayout(4, ("scalar", "temperature", "current", "attitude")), SampleLayout(2)
     foreign.publish(make_cloud(Header(), other.columns, [0.0] * len(other.columns)))
     foreign.publish(make_cloud(Header(), ("x", "y", "z")))
     foreign.publish(make_cloud(Header(), layout.columns, [1.0] * len(layout.columns)))

@@ -72,7 +72,7 @@ def test_samples_are_those_of_the_collector(seed, jitter_ms, lost, missing):
         values.append(own if sensor < 2 else np.full((len(kept), 1), 48_000.0))
     source = source_of(stamps, values)
     online = Synchroniser(
-        SampleLayout(2, scalar=True), 0, PATIENCE_NS, PATIENCE_NS, expected=("scalar",), capacity=1 << 24
+        SampleLayout(2, ("scalar",)), 0, PATIENCE_NS, PATIENCE_NS, expected=("scalar",), capacity=1 << 24
     )
     order = sorted((stamp, number, row) for number, own in enumerate(stamps) for row, stamp in enumerate(own.tolist()))
     samples = []
