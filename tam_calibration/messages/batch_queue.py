@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tam_calibration.core.interpolation import BEFORE, interpolated
-from tam_calibration.messages.point_cloud import columns_of, is_channel
 from tam_calibration.messages.samples import BoolArray, StreamMessages
 from tam_calibration.messages.stream import HeldStream, IntensityStream, InterpolatedStream, Message, OnceStream, Stream
 from tam_calibration.messages.timeline import NEVER, STEP_NS
@@ -80,7 +79,7 @@ class Queue:
     """
 
     def __init__(self, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> None:
-        width = width_of(stream)
+        width = stream.width
         messages = messages or StreamMessages(_NONE, _NONE, np.zeros((0, width)))
         self.stream, self.order, self._came = stream, messages.order, messages.values
         self.is_unstamped = messages.stamps_ns is None
@@ -184,11 +183,6 @@ class Queue:
         kept = np.where(repeated[:, None] >= 0, values[repeated], before)
         differs = ((values != kept) & ~(np.isnan(values) & np.isnan(kept))).any(axis=1)
         return int(np.count_nonzero(differs & is_repeat))
-
-
-def width_of(stream: Stream) -> int:
-    """Return the number of columns of a stream."""
-    return len(columns_of(stream.name)) if is_channel(stream.name) else 3
 
 
 class Match:
@@ -302,11 +296,8 @@ class Match:
     def values(self, is_sample: BoolArray) -> FloatArray:
         """Return the values that join the samples; NaN where there are none."""
         found = self.found[is_sample]
-        if found.any():
-            values = self.queue.values[self._index[is_sample]]
-            values[~found] = np.nan
-        else:
-            values = np.full((len(found), self.queue.values.shape[1]), np.nan)
+        values = np.full((len(found), self.queue.stream.width), np.nan)
+        values[found] = self.queue.values[self._index[is_sample & self.found]]
         if self.told.any():
             values[~found] = self._told_values[is_sample[~self.found]]
         return values

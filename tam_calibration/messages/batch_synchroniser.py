@@ -5,13 +5,12 @@ two samples want - is joined by searching in sorted stamps. A batch with anythin
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tam_calibration.messages.batch_queue import EARLIER, LONG_AGO, Arrivals, Match, Queue, width_of
-from tam_calibration.messages.samples import BoolArray, StreamMessages
+from tam_calibration.messages.batch_queue import EARLIER, LONG_AGO, Arrivals, Match, Queue
+from tam_calibration.messages.samples import BoolArray, StreamMessages, in_order
 from tam_calibration.messages.stream import BEFORE_ALL
 from tam_calibration.messages.synchroniser import REMEMBERED, Sample, Synchroniser
 from tam_calibration.messages.timeline import NEVER
@@ -53,17 +52,10 @@ class BatchSynchroniser(Synchroniser):
         return self._to_arrays(self.flush())
 
     def _push_each(self, batch: Mapping[str, StreamMessages]) -> tuple[IntArray, FloatArray]:
-        messages: list[tuple[Any, ...]] = []
-        for name, each in batch.items():
-            stamps = [None] * len(each.order) if each.stamps_ns is None else each.stamps_ns.tolist()
-            arrived = each.arrivals_ns.tolist()
-            names = [name] * len(stamps)
-            messages += zip(each.order.tolist(), names, stamps, each.values.tolist(), arrived, strict=True)
-        messages.sort(key=lambda message: message[0])
-        return self._to_arrays([sample for _, *message in messages for sample in self.push(*message)])
+        return self._to_arrays([sample for _, *message in in_order(batch) for sample in self.push(*message)])
 
     def _to_arrays(self, samples: list[Sample]) -> tuple[IntArray, FloatArray]:
-        width = sum(width_of(stream) for stream in self._streams.values())
+        width = sum(stream.width for stream in self._streams.values())
         values = np.array([sample.values for sample in samples]).reshape(len(samples), width)
         return np.array([sample.stamp_ns for sample in samples], dtype=np.int64), values
 

@@ -277,18 +277,6 @@ def read_frame_id(message: bytes) -> str:
     return message[FRAME_ID : FRAME_ID + length].rstrip(b"\0").decode(errors="replace")
 
 
-def read_float64(message: bytes) -> float:
-    """Return the number of one message ``std_msgs/Float64``.
-
-    Raises
-    ------
-    InputError
-        When the message is truncated or not plain CDR.
-    """
-    (value,) = unpack_from(message, "d", BODY)
-    return float(value)
-
-
 def fill(template: bytes, from_end: int, values: FloatArray, stamps_ns: IntArray | None) -> ByteArray:
     """Return (N, bytes) copies of a serialised message (little-endian) with other numbers and stamps.
 

@@ -1,9 +1,11 @@
 """Messages and samples as arrays, and how many of sensor 1's samples were used, and when that is too few."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import repeat
+from operator import itemgetter
 from typing import Any, get_args
 
 import numpy as np
@@ -67,42 +69,40 @@ class Usage:
     correlation: tuple[tuple[float, ...], ...] = field(default=(), compare=False)
 
     @classmethod
-    def of(
-        cls, used: int, first: Stream, others: Sequence[Stream], patience_ns: int, channels: Sequence[Stream] = ()
-    ) -> "Usage":
+    def of(cls, used: int, sensors: Sequence[Stream], channels: Sequence[Stream], patience_ns: int) -> "Usage":
         """Return the usage that the streams of the sensors tell.
 
         Parameters
         ----------
         used : int
             Samples that were made.
-        first : Stream
-            Of sensor 1.
-        others : sequence of Stream
-            Of the other sensors.
-        patience_ns : int
-            How far the stamps of one may lag behind those of another, nanoseconds.
+        sensors : sequence of Stream
+            Of sensors 1 to K.
         channels : sequence of Stream
             Of the channels recorded with the sensors.
+        patience_ns : int
+            How far the stamps of one may lag behind those of another, nanoseconds.
         """
+        first = sensors[0]
         own = _own_faults(first.losses)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
         reasons.append((first.losses.lost, f"{first.losses.lost} were lost on the way: look at the load"))
-        newest = max([first, *others], key=lambda stream: stream.timeline.newest_ns)
-        for stream in (first, *others):
+        newest = max(sensors, key=lambda stream: stream.timeline.newest_ns)
+        for stream in sensors:
             reasons.append((stream.losses.missing, _why_missing(stream, first, newest, patience_ns)))
         counted = sorted((reason for reason in reasons if reason[0]), key=lambda reason: -reason[0])
         waiting = len(first.buffer) + len(first.timeline.doubtful)
-        interpolated = [stream for stream in others if isinstance(stream, InterpolatedStream)]
+        interpolated = [stream for stream in sensors if isinstance(stream, InterpolatedStream)]
+        lost = {stream.name: why for stream in channels if (why := why_lost(stream))}
         return cls(
             used,
             first.losses.received + first.losses.lost - waiting + first.losses.missing,
             tuple(text for _, text in counted),
-            tuple(stream.losses.received - stream.losses.unusable for stream in (first, *others)),
+            tuple(stream.losses.received - stream.losses.unusable for stream in sensors),
             (0, *(stream.interpolated for stream in interpolated)),
-            lost=tuple(why for stream in channels if (why := why_lost(stream)) is not None),
-            doubled=tuple(why for stream in (first, *others) if (why := why_doubled(stream.name, stream.losses))),
-            scalar_is_lost=any(stream.name == "scalar" and why_lost(stream) is not None for stream in channels),
+            lost=tuple(lost.values()),
+            doubled=tuple(why for stream in sensors if (why := why_doubled(stream.name, stream.losses))),
+            scalar_is_lost="scalar" in lost,
             correlation=((0.0,) * LAGS, *(tuple(stream.correlation().values.tolist()) for stream in interpolated)),
         )
 
@@ -290,8 +290,8 @@ def why_doubled(name: str, losses: Losses) -> str:
     )
 
 
-def why_lost(stream: Stream) -> str | None:
-    """Return why most messages of a stream cannot be used, in one clause; None where they can.
+def why_lost(stream: Stream) -> str:
+    """Return why most messages of a stream cannot be used, in one clause; empty where they can.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def why_lost(stream: Stream) -> str | None:
     """
     faults = [(count, fault) for count, fault in _own_faults(stream.losses) if count]
     if sum(count for count, _ in faults) <= 0.5 * stream.losses.received:
-        return None
+        return ""
     zero = ": all its stamps are zero" if stream.timeline.newest_ns == 0 else ""
     listed = ", ".join(f"{count} {fault}" for count, fault in faults)
     return f"of {stream.losses.received} messages of {stream.name} {listed}{zero}"
@@ -389,6 +389,22 @@ class StreamMessages:
             np.concatenate([part.values for part in parts]),
             np.concatenate([part.arrivals_ns for part in parts]),
         )
+
+
+def in_order(batch: Mapping[str, StreamMessages]) -> list[tuple[int, str, int | None, list[float], int]]:
+    """Return the messages of streams in the order in which they arrived.
+
+    Returns
+    -------
+    list of tuple
+        Place among all messages, stream, stamp (None without), values, and when it arrived.
+    """
+    messages: list[tuple[int, str, int | None, list[float], int]] = []
+    for name, each in batch.items():
+        stamps = repeat(None) if each.stamps_ns is None else each.stamps_ns.tolist()
+        arrived, values = each.arrivals_ns.tolist(), each.values.tolist()
+        messages += zip(each.order.tolist(), repeat(name), stamps, values, arrived, strict=False)
+    return sorted(messages, key=itemgetter(0))
 
 
 def turns_of(mounting: Mounting) -> dict[str, Turn]:

@@ -77,10 +77,11 @@ class Losses:
 class Stream:
     """The messages of one stream that may still join a sample, oldest first."""
 
-    def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
+    def __init__(self, name: str, tolerance_ns: int, awaited: bool, width: int = 3) -> None:
         self.name = name
-        self.window_ns = window_ns
+        self.tolerance_ns = self.window_ns = tolerance_ns
         self.awaited = awaited
+        self.width = width
         self.losses = Losses()
         self.newest_values: Sequence[float] = ()
         self.timeline = Timeline[Sequence[float]]()
@@ -143,8 +144,7 @@ class JoinedStream(Stream):
 
     def forget(self, before: int) -> None:
         """Drop what cannot join a sample at or after a stamp."""
-        while self.buffer and self.buffer[0][0] < before - self.window_ns:
-            self._drop_oldest()
+        self.skip(before - self.window_ns - 1)
 
     def skip(self, until: int) -> None:
         """Drop the messages up to a stamp."""
@@ -163,10 +163,6 @@ class JoinedStream(Stream):
 class IntensityStream(JoinedStream):
     """A stream whose messages join the nearest sample: the intensity does not turn with the array."""
 
-    def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
-        super().__init__(name, window_ns, awaited)
-        self.tolerance_ns = window_ns
-
     def reach(self, half_interval_ns: int) -> None:
         """Set how far messages may be that join as they are: half the interval of samples, where that is known."""
         self.window_ns = max(self.tolerance_ns, half_interval_ns)
@@ -175,8 +171,8 @@ class IntensityStream(JoinedStream):
 class InterpolatedStream(JoinedStream):
     """A stream with values between its messages too."""
 
-    def __init__(self, name: str, window_ns: int, awaited: bool) -> None:
-        super().__init__(name, window_ns, awaited)
+    def __init__(self, name: str, tolerance_ns: int, awaited: bool) -> None:
+        super().__init__(name, tolerance_ns, awaited)
         self.past: deque[Message] = deque(maxlen=BEFORE)
         self.interpolated = self._passed = 0
         self._correlation = Correlation()

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tam_calibration.messages import stream as streams
-from tam_calibration.messages.point_cloud import SampleLayout, columns_of, is_channel
+from tam_calibration.messages.point_cloud import SampleLayout, columns_of
 from tam_calibration.messages.samples import Usage, why_lost
 from tam_calibration.messages.stream import BEFORE_ALL, EPOCH, HeldStream, JoinedStream, Message, Stream
 from tam_calibration.messages.timeline import STEP_NS, StampStep
@@ -109,9 +109,8 @@ class Synchroniser:
         for name in layout.channels:
             kind = HeldStream if name != "scalar" else streams.OnceStream if scalar_is_held else streams.IntensityStream
             window_ns = tolerance_ns if kind is streams.IntensityStream else _MAXIMUM_AGE_NS.get(name, 2_000_000_000)
-            channels.append(kind(name, window_ns, name in expected))
+            channels.append(kind(name, window_ns, name in expected, len(columns_of(name))))
         self._partners = [*self._sensors[1:], *channels]
-        self._no_value = {name: _NO_READING[:1] * len(columns_of(name)) for name in layout.channels}
         self._streams: dict[str, Stream] = {stream.name: stream for stream in [*self._sensors, *channels]}
         self._epoch = 0
         self._newest = self._horizon = self._hold_horizon = self._last_delivered = self._epoch_start = BEFORE_ALL
@@ -134,14 +133,13 @@ class Synchroniser:
     @property
     def usage(self) -> Usage:
         """How many of sensor 1's samples were used, and why not the others."""
-        first, *others = self._sensors
-        channels = [stream for name, stream in self._streams.items() if is_channel(name)]
-        return Usage.of(self.delivered, first, others, self._patience_ns, channels)
+        channels = self._partners[len(self._sensors) - 1 :]
+        return Usage.of(self.delivered, self._sensors, channels, self._patience_ns)
 
     @property
     def lost(self) -> list[str]:
         """Why most messages of a sensor cannot be used, a clause for each sensor of which that is so."""
-        return [why for stream in self._sensors if (why := why_lost(stream)) is not None]
+        return [why for stream in self._sensors if (why := why_lost(stream))]
 
     @property
     def silent(self) -> list[str]:
@@ -302,7 +300,7 @@ class Synchroniser:
         if len(stream.buffer) > self._capacity:
             stream.buffer.popleft()
             stream.losses.unmatched += 1
-        if stream.name in self._no_value:
+        if stream not in self._sensors:
             stream.awaited = True
         elif key > self._newest:
             if key - self._newest > self._silence.limit_ns:
@@ -424,7 +422,7 @@ class Synchroniser:
     def _join(self, key: int, values: Sequence[float], partners: list[Message | None]) -> Sample:
         joined = list(values)
         for stream, message in zip(self._partners, partners, strict=True):
-            joined += self._no_value.get(stream.name, _NO_READING) if message is None else message[1]
+            joined += (math.nan,) * stream.width if message is None else message[1]
             if message is not None:
                 stream.take(message)
         self._last_delivered = key

@@ -286,7 +286,5 @@ def _offsets_s(stamps_ns: np.ndarray, pace_ns: np.ndarray) -> np.ndarray | None:
     inside = stamps_ns[(stamps_ns >= pace_ns[0]) & (stamps_ns <= pace_ns[-1])] if len(pace_ns) > 1 else stamps_ns[:0]
     if not len(inside):
         return None
-    after = np.clip(np.searchsorted(pace_ns, inside), 1, len(pace_ns) - 1)
-    apart = np.stack([inside - pace_ns[after - 1], inside - pace_ns[after]])
-    offsets: np.ndarray = 1e-9 * np.take_along_axis(apart, np.abs(apart).argmin(axis=0)[None], axis=0)[0]
-    return offsets
+    apart = inside[:, None] - pace_ns
+    return np.asarray(1e-9 * apart[np.arange(len(inside)), np.abs(apart).argmin(axis=1)])

@@ -12,7 +12,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from tam_calibration.messages import point_cloud
-from tam_calibration.messages.cdr import FRAME_ID, read_float64, read_frame_id, read_stamp_and_doubles, stamp_of
+from tam_calibration.messages.cdr import BODY, FRAME_ID, read_frame_id, read_stamp_and_doubles, stamp_of, unpack_from
 from tam_calibration.messages.message_fields import LONGEST_LISTED, stamp_fields
 from tam_calibration.messages.missing import in_words
 from tam_calibration.messages.point_cloud import is_channel
@@ -54,7 +54,7 @@ _FAST: dict[tuple[str, tuple[str, ...]], _Read] = {
     (point_cloud.IMU, tuple(f"orientation.{axis}" for axis in "xyzw")): _attitude,
     (point_cloud.IMU, tuple(f"angular_velocity.{axis}" for axis in "xyz")): _angular_velocity,
     (point_cloud.TEMPERATURE, ("temperature",)): partial(read_stamp_and_doubles, count=1),
-    (point_cloud.FLOAT64, ("data",)): lambda message: (None, (read_float64(message),)),
+    (point_cloud.FLOAT64, ("data",)): lambda message: (None, unpack_from(message, "d", BODY)),
 }
 """Types whose numbers lie at fixed places, which is quicker than to make objects of the messages."""
 

@@ -6,8 +6,7 @@ A bag is played as it was recorded, any other recording as the topics of this pa
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from itertools import repeat
-from operator import itemgetter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +17,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from tam_calibration.messages.point_cloud import MAGNETIC_FIELD, topic_and_type
+from tam_calibration.messages.samples import in_order
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.nodes.topics import message_class
@@ -107,16 +107,12 @@ def _messages(
     """Yield the messages of streams; one without a stamp has the time of the message before, the first are left out."""
     time_ns, intakes = None, streams.intakes(reading, None)
     for batch in source.batches(streams.wanted, streams.clock, lambda done, total: None):
-        rows = []
-        for stream, each in batch.items():
-            values, _ = intakes[stream].take(each.values)
-            stamps = repeat(None) if each.stamps_ns is None else each.stamps_ns.tolist()
-            rows += list(zip(each.order.tolist(), repeat(stream), stamps, values, strict=False))
-        for _, stream, stamp_ns, row in sorted(rows, key=itemgetter(0)):
+        taken = {name: replace(each, values=intakes[name].take(each.values)[0]) for name, each in batch.items()}
+        for _, stream, stamp_ns, row, _ in in_order(taken):
             time_ns = time_ns if stamp_ns is None else stamp_ns
             topic, kind = topics[stream]
             if time_ns is not None:
-                yield topic, time_ns, serialise(kind, row[None], np.array([time_ns])).tobytes()
+                yield topic, time_ns, serialise(kind, np.array([row]), np.array([time_ns])).tobytes()
 
 
 _SETTLE_S = 0.3

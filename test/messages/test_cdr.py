@@ -7,13 +7,14 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from tam_calibration.messages.cdr import (
+    BODY,
     FRAME_ID,
     NO_TIME,
     RawMessages,
     fill,
-    read_float64,
     read_frame_id,
     read_stamp_and_doubles,
+    unpack_from,
 )
 from tam_calibration.messages.message_fields import MessageFields
 from tam_calibration.model.exceptions import InputError
@@ -139,10 +140,10 @@ def test_one_number_without_stamp_is_read(little_endian):
     """A message std_msgs/Float64 by itself; a damaged one is refused."""
     name = "std_msgs/msg/Float64"
     message = bytes(STORE.serialize_cdr(STORE.types[name](-4.5), name, little_endian=little_endian))
-    assert read_float64(message) == -4.5
+    assert unpack_from(message, "d", BODY) == (-4.5,)
     for bad in (message[:-1], b"", bytes(100)[:2] + b"x", b"\7\7" + message[2:]):
         with pytest.raises(InputError, match="damaged"):
-            read_float64(bad)
+            unpack_from(bad, "d", BODY)
 
 
 @pytest.mark.parametrize("stamp", [(-1, 0), (-(2**31), 5), (0, 10**9), (2**31 - 1, 2**32 - 1)])

@@ -38,7 +38,7 @@ def test_messages_that_wait_come_in_the_order_of_their_arrival(ros_domain):
     from rclpy.executors import SingleThreadedExecutor
     from std_msgs.msg import Float64
 
-    from tam_calibration.messages.cdr import read_float64
+    from tam_calibration.messages.cdr import BODY, unpack_from
     from tam_calibration.nodes.topics import RELIABLE_STREAM, ListeningNode
 
     context = rclpy.Context()
@@ -47,7 +47,7 @@ def test_messages_that_wait_come_in_the_order_of_their_arrival(ros_domain):
     topics, arrived = ["first", "second"], []
 
     def take(message, arrived_ns):
-        came.append(read_float64(message))
+        came.extend(unpack_from(message, "d", BODY))
         arrived.append(arrived_ns)
 
     for topic in topics:
