@@ -1,7 +1,7 @@
 """The messages of a batch, stream by stream, and which of them join which samples: searches in sorted stamps."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -79,8 +79,7 @@ class Queue:
     """
 
     def __init__(self, stream: Stream, messages: StreamMessages | None, arrivals: Arrivals) -> None:
-        width = stream.width
-        messages = messages or StreamMessages(_NONE, _NONE, np.zeros((0, width)))
+        messages = messages or StreamMessages(_NONE, _NONE, np.zeros((0, stream.width)))
         self.stream, self.order, self._came = stream, messages.order, messages.values
         self.is_unstamped = messages.stamps_ns is None
         self.stamps_ns = arrivals.newest_before(self.order) if messages.stamps_ns is None else messages.stamps_ns
@@ -88,11 +87,8 @@ class Queue:
         self._previous_ns = np.maximum.accumulate(newest)[:-1]
         self.is_new: BoolArray = (self.stamps_ns > self._previous_ns) | self.is_unstamped
         new = slice(None) if self.is_new.all() else self.is_new
-        waiting = np.array([max(key, LONG_AGO) for key, _ in stream.buffer], dtype=np.int64)
-        values = np.array([values for _, values in stream.buffer]).reshape(len(waiting), width)
-        self.keys: IntArray = np.concatenate([waiting, self.stamps_ns[new]])
-        self.order_of_keys: IntArray = np.concatenate([np.full(len(waiting), EARLIER), self.order[new]])
-        self.values: FloatArray = np.concatenate([values, self._came[new]])
+        came = self.stamps_ns[new], self.order[new], self._came[new]
+        self.keys, self.order_of_keys, self.values = _after(stream.buffer, *came)
 
     def jumps(self, arrivals: Arrivals) -> bool:
         """Whether a stamp jumps that the sensors do not make credible, or one before it is doubtful."""
@@ -129,18 +125,6 @@ class Queue:
         """Return when the stream's own messages decided what joins each sample."""
         moment = np.append(self.order_of_keys, NEVER)[np.searchsorted(self.keys, keys)]
         return np.where((moment == NEVER) & (keys <= self.decided_until_ns), EARLIER, moment)
-
-    def with_past(self) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return stamps, arrivals and values of what may join, after those of the last messages that no longer may."""
-        past = self.stream.past if isinstance(self.stream, InterpolatedStream) else ()
-        if not past:
-            return self.keys, self.order_of_keys, self.values
-        stamps = np.array([max(key, LONG_AGO) for key, _ in past], dtype=np.int64)
-        return (
-            np.concatenate([stamps, self.keys]),
-            np.concatenate([np.full(len(past), EARLIER), self.order_of_keys]),
-            np.concatenate([[values for _, values in past], self.values]),
-        )
 
     def keep(self, first: int, joined: int) -> None:
         """Count what became of the messages, and let the stream wait with those that may still join a sample.
@@ -185,6 +169,19 @@ class Queue:
         return int(np.count_nonzero(differs & is_repeat))
 
 
+def _after(
+    earlier: Collection[Message], stamps_ns: IntArray, order: IntArray, values: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return stamps, arrivals and values of messages after those of messages of earlier batches."""
+    earlier_ns = np.array([max(key, LONG_AGO) for key, _ in earlier], dtype=np.int64)
+    before = np.array([values for _, values in earlier]).reshape(len(earlier), values.shape[1])
+    return (
+        np.concatenate([earlier_ns, stamps_ns]),
+        np.concatenate([np.full(len(earlier), EARLIER), order]),
+        np.concatenate([before, values]),
+    )
+
+
 class Match:
     """Which message of a stream joins each sample, and whether one does, or else what those around it tell.
 
@@ -216,8 +213,6 @@ class Match:
             return
         if queue.is_held:
             self._hold(np.searchsorted(queue.keys, keys, "right") - 1)
-        elif np.array_equal(queue.keys[: len(keys)], keys):
-            self._index, self.found = np.arange(len(keys)), ~self.found
         else:
             after = np.minimum(np.searchsorted(queue.keys, keys), len(queue.keys) - 1)
             before = np.maximum(after - 1, 0)
@@ -254,9 +249,11 @@ class Match:
 
     def interpolate(self) -> None:
         """Find what the messages around the other samples tell of a sensor."""
-        if self.found.all() or not isinstance(self.queue.stream, InterpolatedStream):
+        stream = self.queue.stream
+        if self.found.all() or not isinstance(stream, InterpolatedStream):
             return
-        stamps, order, values = self.queue.with_past()
+        queue = self.queue
+        stamps, order, values = _after(stream.past, queue.keys, queue.order_of_keys, queue.values)
         self._told_values, after, self._weights = interpolated(stamps, values, self._keys[~self.found])
         self.told[~self.found] = after < len(stamps)
         self._arrival, self._after = np.append(order, EARLIER)[after], after[after < len(stamps)]
