@@ -237,17 +237,14 @@ class MessageFields:
         elif kind == _BASE:
             length = cursor.read_length()
             cursor.at = _common(cursor.at + length * (1 if argument[0] == "string" else 4))
-        elif kind == _ARRAY and argument[0][0] == _BASE and argument[0][1][0] in NUMBERS:
-            pending.keep_list(path, cursor, NUMBERS[argument[0][1][0]], np.full(len(cursor.rows), argument[1]))
         elif kind == _ARRAY:
-            for index in range(argument[1]):
-                self._walk(argument[0], f"{path}[{index}]", cursor, pending)
+            self._walk_list(argument[0], path, cursor, pending, np.full(len(cursor.rows), argument[1]))
         else:
-            self._walk_sequence(argument[0], path, cursor, pending)
+            length = cursor.read_length()
+            pending.keep(f"{path}[]", cursor.rows, length)
+            self._walk_list(argument[0], path, cursor, pending, length)
 
-    def _walk_sequence(self, element: Any, path: str, cursor: _Cursor, pending: "_Pending") -> None:
-        length = cursor.read_length()
-        pending.keep(f"{path}[]", cursor.rows, length)
+    def _walk_list(self, element: Any, path: str, cursor: _Cursor, pending: "_Pending", length: IntArray) -> None:
         kind, argument = element
         if kind == _BASE and argument[0] in NUMBERS:
             pending.keep_list(path, cursor, NUMBERS[argument[0]], length)
