@@ -330,7 +330,7 @@ class Collector(TamNode):
         self._subscribe()
         if self._markers.is_wanted():
             header = self._markers.header(self.get_clock().now().nanoseconds)
-            self._markers.publish(coverage_markers(header, self._coverage.summary()))
+            self._markers.publisher.publish(coverage_markers(header, self._coverage.summary()))
 
     def _tell_usage(self) -> str:
         """Return how many of sensor 1's samples were used, and why not the others, as JSON."""

@@ -243,7 +243,7 @@ class Corrector(CalibratedNode):
                 doubles = output.tobytes() + error.tobytes()
                 self._field_gradient.publish(self._field_gradient_writer.message(stamp, doubles))
         if self._marker.is_wanted() and np.isfinite(outputs[-1, :3]).all():
-            self._marker.publish(field_marker(self._marker.header(from_stamp(stamps[-1])), outputs[-1, :3]))
+            self._marker.publisher.publish(field_marker(self._marker.header(from_stamp(stamps[-1])), outputs[-1, :3]))
 
 
 _GRADIENT_ROW_MAJOR = np.array(point_cloud.GRADIENT_ROW_MAJOR)

@@ -131,7 +131,7 @@ class Localizer(CalibratedNode):
 
     @property
     def _is_heard(self) -> bool:
-        topics = (self._estimate, self._source, self._pose, self._markers)
+        topics = (self._estimate, self._source, self._pose, self._markers.publisher)
         return any(topic.get_subscription_count() for topic in topics)
 
     def health(self) -> Health:
@@ -288,7 +288,7 @@ class Localizer(CalibratedNode):
         if solutions.is_located.any() and self._markers.is_wanted():
             newest = int(np.flatnonzero(solutions.is_located)[-1])
             header = self._markers.header(joined[newest].stamp_ns)
-            self._markers.publish(source_markers(header, solutions, newest))
+            self._markers.publisher.publish(source_markers(header, solutions, newest))
         if self._estimate.get_subscription_count():
             for stamp, row in zip(stamps, source_rows(solutions), strict=True):
                 self._estimate.publish(self._estimate_writer.message(stamp, row.tobytes()))

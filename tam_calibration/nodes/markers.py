@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
@@ -48,22 +48,23 @@ class Shown:
         Its name.
     frame_id : str
         Frame of what is shown.
+
+    Attributes
+    ----------
+    publisher : Publisher
+        Of the topic.
     """
 
     def __init__(self, node: TamNode, message_type: type, topic: str, frame_id: str) -> None:
         # Reliable: what is shown is new ten times a second, and a viewer need not get all.
-        self._publisher = node.offer(message_type, topic, QoSProfile(depth=10))
+        self.publisher = node.offer(message_type, topic, QoSProfile(depth=10))
         self._frame_id = frame_id
         self._last_s = -np.inf
-
-    def get_subscription_count(self) -> int:
-        """Return how many listen."""
-        return self._publisher.get_subscription_count()
 
     def is_wanted(self) -> bool:
         """Whether a message is wanted now; if so, the next one only after `PERIOD_S`."""
         now = time.monotonic()
-        if now < self._last_s + PERIOD_S or not self.get_subscription_count():
+        if now < self._last_s + PERIOD_S or not self.publisher.get_subscription_count():
             return False
         self._last_s = now
         return True
@@ -71,10 +72,6 @@ class Shown:
     def header(self, stamp_ns: int) -> Header:
         """Return the header of a message with a stamp in nanoseconds."""
         return Header(stamp=Time(nanoseconds=stamp_ns).to_msg(), frame_id=self._frame_id)
-
-    def publish(self, message: Marker | MarkerArray) -> None:
-        """Publish a message."""
-        self._publisher.publish(message)
 
 
 def field_marker(header: Header, field_T: FloatArray) -> Marker:
@@ -134,8 +131,8 @@ def _ball(header: Header, position: FloatArray, covariance: FloatArray) -> Marke
     semi_axes, (x, y, z, w) = ellipsoid(covariance)
     ball = _marker(header, "position", Marker.SPHERE, _SOURCE)
     turn = Quaternion(x=float(x), y=float(y), z=float(z), w=float(w))
-    ball.pose = Pose(position=_point(position), orientation=turn)
-    ball.scale = _vector(2 * semi_axes)
+    ball.pose = Pose(position=_filled(Point, position), orientation=turn)
+    ball.scale = _filled(Vector3, 2 * semi_axes)
     return ball
 
 
@@ -143,16 +140,16 @@ def _balls(header: Header, name: str, places: FloatArray, colour: ColorRGBA) -> 
     """Return balls at places (n, 3), metres; where there are none what was shown before is taken away."""
     marker = _marker(header, name, Marker.SPHERE_LIST, colour)
     marker.action = Marker.ADD if len(places) else Marker.DELETE
-    marker.points = [_point(place) for place in places]
+    marker.points = [_filled(Point, place) for place in places]
     # On the sphere of coverage, whose radius is a metre: some half of what neighbouring cells are apart.
-    marker.scale = _vector(np.full(3, 0.15))
+    marker.scale = _filled(Vector3, np.full(3, 0.15))
     return marker
 
 
 def _arrow(header: Header, name: str, start: FloatArray, end: FloatArray, colour: ColorRGBA) -> Marker:
     """Return an arrow between places (3,), metres, a twentieth of its length thick."""
     marker = _marker(header, name, Marker.ARROW, colour)
-    marker.points = [_point(start), _point(end)]
+    marker.points = [_filled(Point, start), _filled(Point, end)]
     thickness = float(np.linalg.norm(end - start)) / 20
     marker.scale = Vector3(x=thickness, y=2 * thickness, z=4 * thickness)
     return marker
@@ -163,11 +160,6 @@ def _marker(header: Header, name: str, kind: int, colour: ColorRGBA) -> Marker:
     return Marker(header=header, ns=name, id=0, type=kind, action=Marker.ADD, color=colour)
 
 
-def _point(place: FloatArray) -> Point:
-    x, y, z = place.tolist()
-    return Point(x=x, y=y, z=z)
-
-
-def _vector(values: FloatArray) -> Vector3:
-    x, y, z = values.tolist()
-    return Vector3(x=x, y=y, z=z)
+def _filled(kind: type, values: FloatArray) -> Any:
+    """Return a message of a kind that has x, y and z."""
+    return kind(**dict(zip("xyz", values.tolist(), strict=True)))

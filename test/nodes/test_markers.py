@@ -110,7 +110,7 @@ def test_what_is_shown_is_rare(bench, monkeypatch):
     monkeypatch.setattr(markers.time, "monotonic", lambda: now[0])
     shown = markers.Shown(Node, Marker, "center_marker", "tam_array")
     assert not shown.is_wanted()
-    monkeypatch.setattr(shown, "get_subscription_count", lambda: 1)
+    monkeypatch.setattr(shown.publisher, "get_subscription_count", lambda: 1)
     assert [shown.is_wanted(), shown.is_wanted()] == [True, False]
     for step, expected in ((0.09, False), (0.02, True), (0.09, False)):
         now[0] += step
