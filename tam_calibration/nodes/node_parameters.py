@@ -167,17 +167,17 @@ class StaticTransforms:
         That hears them.
     array_frame : str
         Name of the array's frame.
+
+    Attributes
+    ----------
+    subscription : Subscription or None
+        Once a frame was looked up.
     """
 
     def __init__(self, node: Node, array_frame: str) -> None:
         self._node, self._array_frame = node, array_frame
         self._tree = TransformTree()
-        self._subscription: Subscription | None = None
-
-    @property
-    def are_used(self) -> bool:
-        """Whether a frame was looked up."""
-        return self._subscription is not None
+        self.subscription: Subscription | None = None
 
     def look_up(self, frame: str) -> tuple[FloatArray, FloatArray]:
         """Return the origin (3,) of a frame, metres, and the quaternion (4,) of its axes in the array's frame.
@@ -194,8 +194,8 @@ class StaticTransforms:
                     f"{STATIC_TRANSFORMS} leads from {self._array_frame} to no {frame}: publish that transform, or "
                     "state positions_m and rotations_deg in the array file"
                 )
-            self._subscription = self._subscription or self._subscribe()
-            for message in waiting(self._subscription):
+            self.subscription = self.subscription or self._subscribe()
+            for message in waiting(self.subscription):
                 self._tree.add(message)
             # Short against the start of a node.
             time.sleep(0.02)
@@ -210,11 +210,6 @@ class StaticTransforms:
                 "positions_m and rotations_deg"
             ) from None
         return self._node.create_subscription(TFMessage, STATIC_TRANSFORMS, leave, _LATCHED, raw=True)
-
-    def close(self) -> None:
-        """Hear no more."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
 
 
 def array_name(node: Node) -> str:
@@ -234,8 +229,9 @@ def array_of(node: Node) -> Array:
     try:
         array = read_array(_array_path(node), transforms.look_up)
     finally:
-        transforms.close()
-    if transforms.are_used:
+        if transforms.subscription is not None:
+            node.destroy_subscription(transforms.subscription)
+    if transforms.subscription is not None:
         places = (f"sensor {sensor} at {x:g} {y:g} {z:g} m" for sensor, (x, y, z) in enumerate(array.positions_m, 1))
         node.get_logger().info(f"{STATIC_TRANSFORMS} states where the sensors are: {', '.join(places)}")
     return array

@@ -179,7 +179,7 @@ def test_what_tf_does_not_tell_is_said(bench, tmp_path, monkeypatch):
     transforms = node_parameters.StaticTransforms(bench.node, "tam_array")
     with pytest.raises(InputError, match="/tf_static leads from tam_array to no tam_1_link: publish that transform"):
         transforms.look_up("tam_1_link")
-    transforms.close()
+    bench.node.destroy_subscription(transforms.subscription)
 
 
 def end_of_start(array_file):
