@@ -212,18 +212,16 @@ class Belief:
 
     def joined_with(self, further: Normal, errors: SensorErrors) -> "Belief":
         """Return the belief with further information, at given errors."""
-        free, mean = self.free, self.errors.to_vector().ravel()
+        mean = self.errors.to_vector().ravel()
         downhill = further.score + further.information @ (errors.to_vector().ravel() - mean)
-        covariance = np.zeros_like(self.covariance)
-        covariance[np.ix_(free, free)] = inverted(self.certainty + further.information[np.ix_(free, free)])
+        covariance = inverted(self.certainty + further.information, self.free)
         vector = (mean + covariance @ downhill).reshape(-1, 12)
         return replace(self, errors=SensorErrors.from_vector(vector, self.errors.orientation), covariance=covariance)
 
     def distance(self, other: SensorErrors) -> float:
         """Return how far other errors are, in standard errors: root mean square over all directions."""
-        free = self.free
-        step = (other.to_vector() - self.errors.to_vector()).ravel()[free]
-        return float(np.sqrt(step @ self.certainty @ step / free.sum()))
+        step = (other.to_vector() - self.errors.to_vector()).ravel()
+        return float(np.sqrt(step @ self.certainty @ step / self.free.sum()))
 
     def change_to(self, other: "Belief") -> float:
         """Return by what part of these standard errors another belief has other errors, or other standard errors.
@@ -234,13 +232,12 @@ class Belief:
 
     def spread_of(self, other: "Belief") -> float:
         """Return the standard errors of another belief over these, in root mean square over all directions."""
-        free = self.free
-        return float(np.sqrt(np.sum(self.certainty * other.covariance[np.ix_(free, free)]) / free.sum()))
+        return float(np.sqrt(np.sum(self.certainty * other.covariance) / self.free.sum()))
 
     @cached_property
     def certainty(self) -> FloatArray:
-        """(M, M) inverse of the covariance of those errors that are not held."""
-        return inverted(self.covariance[np.ix_(self.free, self.free)])
+        """(12 K, 12 K) inverse of the covariance; zero for what is held."""
+        return inverted(self.covariance, self.free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,8 +338,7 @@ class Recursion:
             temperature_C = self.now.temperature_C
         begin, since = self.begin, self.moments
         change = walk.covariance(begin, time_s, temperature_C)
-        free = begin.free
-        if np.sum(self.now.certainty * change[np.ix_(free, free)]) > LARGEST_WALK:
+        if np.sum(self.now.certainty * change) > LARGEST_WALK:
             begin = Belief(self.now.errors, self.now.covariance + change, time_s, temperature_C)
             since = SampleMoments.none(begin.errors.sensor_count)
         since = since + moments
@@ -380,12 +376,11 @@ def solve(
     """
     free, mean = begin.free, begin.errors.to_vector().ravel()
     orientation = begin.errors.orientation
-    certainty = begin.certainty
 
     def normal_at(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         here = likelihood.linearize(moments, SensorErrors.from_vector(vector, orientation)).both
-        information = here.information[np.ix_(free, free)] + certainty
-        return information, here.score[free] - certainty @ (vector - mean)[free], information
+        information, gradient = here.information + begin.certainty, here.score - begin.certainty @ (vector - mean)
+        return information[np.ix_(free, free)], gradient[free], information
 
     def moved(vector: FloatArray, step: FloatArray) -> FloatArray:
         vector = vector.copy()
@@ -395,16 +390,20 @@ def solve(
         return vector
 
     vector, information = descend(normal_at, moved, start.to_vector().ravel())
-    covariance = np.zeros_like(begin.covariance)
-    covariance[np.ix_(free, free)] = inverted(information)
-    return Belief(SensorErrors.from_vector(vector, orientation), covariance, time_s, temperature_C)
+    errors = SensorErrors.from_vector(vector, orientation)
+    return Belief(errors, inverted(information, free), time_s, temperature_C)
 
 
-def inverted(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a positive matrix (M, M) whose rows may be in units of their own."""
-    unit, scale = scaled(matrix)
-    inverse: FloatArray = inv(unit) / np.outer(scale, scale)
-    return (inverse + inverse.T) / 2
+def inverted(matrix: FloatArray, free: np.ndarray) -> FloatArray:
+    """Return the inverse of the free rows and columns (P,) of a matrix (P, P), whose units may differ; zero elsewhere.
+
+    That part of the matrix is positive definite.
+    """
+    part, inverse = np.ix_(free, free), np.zeros_like(matrix)
+    unit, scale = scaled(matrix[part])
+    of_free = inv(unit) / np.outer(scale, scale)
+    inverse[part] = (of_free + of_free.T) / 2
+    return inverse
 
 
 TRIED, MOST_TRIED = 3, 30
