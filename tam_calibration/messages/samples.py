@@ -115,13 +115,10 @@ class Usage:
         InputError
             When the text is not of such a usage.
         """
-        given: dict[str, Any] = {}
         with suppress(ValueError, TypeError):
             content = json.loads(text)
-            for each in fields(cls):
-                if each.name in content:
-                    given[each.name] = _of_type(each.type, content[each.name])
-            return cls(**given)
+            known = [each for each in fields(cls) if each.name in content]
+            return cls(**{each.name: _of_type(each.type, content[each.name]) for each in known})
         raise InputError("the collector is of another version than the calibrator: start both from one installation")
 
     def to_json(self) -> str:

@@ -179,11 +179,12 @@ class LiveUpdate:
         """
         if not self._is_on:
             return stored
-        state = self._read(calibration_to_yaml(stored) if stored else "")
-        if state is None:
+        kept = self._read(stored)
+        if kept is None:
             self._stored = stored
             return stored
-        self._begin(calibration_from_yaml(self._text, str(self._path)), state.recursion.now.time_s, state)
+        calibration, state = kept
+        self._begin(calibration, state.recursion.now.time_s, state)
         if self._live is None:
             return self._stored
         self._node.get_logger().info(f"goes on with what was learned from {state.learned} samples, in {self._path}")
@@ -285,15 +286,16 @@ class LiveUpdate:
         whole = np.column_stack([recording.time_s, recording.readings_T.reshape(count, -1), *channels])
         return whole, recording.angular_velocity_rad_s
 
-    def _read(self, stored: str) -> LiveState | None:
-        """Return the state on disk; one that is damaged or of another array or calibration is set aside."""
+    def _read(self, stored: Calibration | None) -> tuple[Calibration, LiveState] | None:
+        """Return what is on disk; if it is damaged or of another array or calibration it is set aside."""
         if self._path is None or not os.path.lexists(self._path):
             return None
         try:
             state, text = read_live_state(self._path, self._array.sensor_count)
-            if not calibration_from_yaml(text, str(self._path)).is_of(self._array):
+            calibration = calibration_from_yaml(text, str(self._path))
+            if not calibration.is_of(self._array):
                 raise InputError(f"{self._path} is of another array")
-            if stored not in ("", text):
+            if stored is not None and calibration_to_yaml(stored) != text:
                 raise InputError(f"{self._path} was learned with another calibration than calibration_file")
         except InputError as problem:
             try:
@@ -302,8 +304,7 @@ class LiveUpdate:
                 moved = f"it cannot be renamed ({why.strerror})"
             self._node.get_logger().warning(f"{problem}: {moved}, and the update begins anew")
             return None
-        self._text = text
-        return state
+        return calibration, state
 
 
 def _when(stamp_s: float) -> str:
