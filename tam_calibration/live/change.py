@@ -163,14 +163,8 @@ class Weighing:
         before : Before
             The samples.
         """
-        without, found = linearize(errors), list[Evidence]()
-        for hypothesis in self._among:
-            fitted = _fitted(hypothesis, linearize, errors, before)
-            if fitted is not None:
-                evidence, here = fitted
-                ratio = (without.both.energy - here.both.energy) / before.excess
-                found.append(replace(evidence, ratio=ratio, score=evidence.score + ratio - evidence.ratio))
-        return _not_ruled_out(found)
+        fitted = (_fitted(hypothesis, linearize, errors, before) for hypothesis in self._among)
+        return _not_ruled_out([evidence for evidence in fitted if evidence is not None])
 
 
 def _not_ruled_out(found: Sequence[Evidence]) -> tuple[Evidence, ...]:
@@ -181,11 +175,11 @@ def _not_ruled_out(found: Sequence[Evidence]) -> tuple[Evidence, ...]:
 
 def _fitted(
     hypothesis: Hypothesis, linearize: Callable[[SensorErrors], Linearization], errors: SensorErrors, before: Before
-) -> tuple[Evidence, Linearization] | None:
-    """Return what a hypothesis comes to, and what the samples say there; None where no sensors are like that."""
+) -> Evidence | None:
+    """Return what samples say of a hypothesis that is fitted to them; None where no sensors are like that."""
     start = errors.to_vector().ravel()
     change = np.zeros_like(start)
-    here = linearize(errors)
+    without = here = linearize(errors)
     # 20 and 1e-6: steps to a change, and the part that the last may leave: six lead to the right one, wrong ones may
     # not settle.
     for _ in range(20):
@@ -199,7 +193,8 @@ def _fitted(
         here = linearize(SensorErrors.from_vector(vector, errors.orientation))
         if np.abs(left).max() <= 1e-6 * np.abs(change).max():
             break
-    return evidence, here
+    ratio = (without.both.energy - here.both.energy) / before.excess
+    return replace(evidence, ratio=ratio, score=evidence.score + ratio - evidence.ratio)
 
 
 def _evidence(hypothesis: Hypothesis, of_changes: FloatArray, score: FloatArray, before: Before) -> Evidence:
