@@ -35,24 +35,19 @@ _Read = Callable[[bytes], tuple[int | None, Sequence[float]]]
 _ToSi = Callable[[Sequence[float]], Sequence[float]]
 
 
-def _attitude(message: bytes) -> tuple[int, Sequence[float]]:
-    """Return the quaternion; NaN where the IMU says that it has none."""
-    stamp_ns, doubles = read_stamp_and_doubles(message, 5)
-    return stamp_ns, (math.nan,) * 4 if doubles[4] == -1 else doubles[:4]
-
-
-def _angular_velocity(message: bytes) -> tuple[int, Sequence[float]]:
-    """Return the angular velocity, which the attitude and its covariance precede; NaN where the IMU has none."""
-    stamp_ns, doubles = read_stamp_and_doubles(message, 17)
-    return stamp_ns, (math.nan,) * 3 if doubles[16] == -1 else doubles[13:16]
+def _of_imu(first: int, width: int, message: bytes) -> tuple[int, Sequence[float]]:
+    """Return some doubles of an IMU; NaN where the number behind them, a covariance, says that it has none."""
+    stamp_ns, doubles = read_stamp_and_doubles(message, first + width + 1)
+    return stamp_ns, (math.nan,) * width if doubles[-1] == -1 else doubles[first:-1]
 
 
 _FAST: dict[tuple[str, tuple[str, ...]], _Read] = {
     (point_cloud.MAGNETIC_FIELD, tuple(f"magnetic_field.{axis}" for axis in "xyz")): partial(
         read_stamp_and_doubles, count=3
     ),
-    (point_cloud.IMU, tuple(f"orientation.{axis}" for axis in "xyzw")): _attitude,
-    (point_cloud.IMU, tuple(f"angular_velocity.{axis}" for axis in "xyz")): _angular_velocity,
+    (point_cloud.IMU, tuple(f"orientation.{axis}" for axis in "xyzw")): partial(_of_imu, 0, 4),
+    # The attitude and its covariance precede it.
+    (point_cloud.IMU, tuple(f"angular_velocity.{axis}" for axis in "xyz")): partial(_of_imu, 13, 3),
     (point_cloud.TEMPERATURE, ("temperature",)): partial(read_stamp_and_doubles, count=1),
     (point_cloud.FLOAT64, ("data",)): lambda message: (None, unpack_from(message, "d", BODY)),
 }
