@@ -52,7 +52,7 @@ class BatchSynchroniser(Synchroniser):
         return self._to_arrays(self.flush())
 
     def _push_each(self, batch: Mapping[str, StreamMessages]) -> tuple[IntArray, FloatArray]:
-        return self._to_arrays([sample for _, *message in in_order(batch) for sample in self.push(*message)])
+        return self._to_arrays([sample for message in in_order(batch) for sample in self.push(*message)])
 
     def _to_arrays(self, samples: list[Sample]) -> tuple[IntArray, FloatArray]:
         width = sum(stream.width for stream in self._streams.values())

@@ -166,9 +166,8 @@ class MessageFields:
         paths: list[str] = []
         for path in self.paths:
             if path in lengths:
-                length = lengths[path]
-                count = int(length[0]) if len(length) and (length == length[0]).all() else 0
-                count = count if count <= LONGEST_LISTED else 0
+                sizes = np.unique(lengths[path])
+                count = int(sizes[0]) if len(sizes) == 1 and sizes[0] <= LONGEST_LISTED else 0
                 paths += [f"{path[:-1]}{index}]" for index in range(count)]
             else:
                 paths.append(path)

@@ -388,20 +388,20 @@ class StreamMessages:
         )
 
 
-def in_order(batch: Mapping[str, StreamMessages]) -> list[tuple[int, str, int | None, list[float], int]]:
+def in_order(batch: Mapping[str, StreamMessages]) -> list[tuple[str, int | None, list[float], int]]:
     """Return the messages of streams in the order in which they arrived.
 
     Returns
     -------
     list of tuple
-        Place among all messages, stream, stamp (None without), values, and when it arrived.
+        Stream, stamp (None without), values, and when it arrived.
     """
     messages: list[tuple[int, str, int | None, list[float], int]] = []
     for name, each in batch.items():
         stamps = repeat(None) if each.stamps_ns is None else each.stamps_ns.tolist()
         arrived, values = each.arrivals_ns.tolist(), each.values.tolist()
         messages += zip(each.order.tolist(), repeat(name), stamps, values, arrived, strict=False)
-    return sorted(messages, key=itemgetter(0))
+    return [message[1:] for message in sorted(messages, key=itemgetter(0))]
 
 
 def turns_of(mounting: Mounting) -> dict[str, Turn]:

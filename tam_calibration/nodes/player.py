@@ -108,7 +108,7 @@ def _messages(
     time_ns, intakes = None, streams.intakes(reading, None)
     for batch in source.batches(streams.wanted, streams.clock, lambda done, total: None):
         taken = {name: replace(each, values=intakes[name].take(each.values)[0]) for name, each in batch.items()}
-        for _, stream, stamp_ns, row, _ in in_order(taken):
+        for stream, stamp_ns, row, _ in in_order(taken):
             time_ns = time_ns if stamp_ns is None else stamp_ns
             topic, kind = topics[stream]
             if time_ns is not None:
