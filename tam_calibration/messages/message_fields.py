@@ -140,7 +140,6 @@ class MessageFields:
 
     def __init__(self, definitions: Definitions, msgtype: str, is_ros1: bool = False) -> None:
         self._definitions, self._msgtype, self._is_ros1 = definitions, msgtype, is_ros1
-        self.has_sequences = False
         self.paths = tuple(self._listed((_NAME, msgtype), ""))
         self._stamp = stamp_fields(msgtype, self.paths)
         self.begins_with_header = not is_ros1 and self.paths[:1] == _STAMPS[0][:1]
@@ -157,7 +156,6 @@ class MessageFields:
             for index in range(argument[1]):
                 yield from self._listed(argument[0], f"{path}[{index}]")
         elif kind == _SEQUENCE and argument[0][0] == _BASE and argument[0][1][0] in NUMBERS.keys() - _BYTES:
-            self.has_sequences = True
             yield f"{path}[]"
 
     def expanded(self, messages: RawMessages) -> tuple[str, ...]:
@@ -297,5 +295,4 @@ class _Pending:
             own = replace(cursor) if is_there.all() else cursor.of(np.flatnonzero(is_there))
             own.at = own.at + size * index
             self.keep(element, own.rows, own.peek(dtype)[:, 0])
-            self.missing.discard(element)
         cursor.at = _common(np.where(length > 0, cursor.at + size * length, before))

@@ -77,7 +77,7 @@ class BagSource:
         with suppress(InputError):  # damage is reported when the messages are read
             first = self._first_messages(topic)
             frames = _frames(first) if fields.begins_with_header else ()
-            paths = fields.expanded(first) if fields.has_sequences else paths
+            paths = fields.expanded(first)
             stamps_ns = fields.read(first, ())[0]
             is_stamped = stamps_ns is not None and (not len(stamps_ns) or bool(stamps_ns.any()))
         units = FIELD_UNITS.get(connection.msgtype, {})
