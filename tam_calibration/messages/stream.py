@@ -235,9 +235,7 @@ class HeldStream(Stream):
         if self.newest < key and self.awaited and not is_overdue:
             return False, None
         self.forget(key)
-        if self.buffer and 0 <= key - self.buffer[0][0] <= self.window_ns:
-            return True, self.buffer[0]
-        return True, None
+        return True, self.buffer[0] if self.buffer and self.buffer[0][0] <= key else None
 
     def forget(self, before: int) -> None:
         """Drop what cannot join a sample at or after a stamp."""
