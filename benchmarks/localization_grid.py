@@ -39,7 +39,6 @@ from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors, noise_floor
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-from tam_calibration.sources.demodulation import Poses
 from tam_calibration.sources.dipole import Dipole
 
 RESULTS = Path(__file__).parent / "results" / "localization_grid.csv"
@@ -160,11 +159,11 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Pass:
-    """The fields (N, K, 3) that were read, the poses that were reported, and the sources that were passed."""
+    """The fields (N, K, 3) that were read, the attitudes that were reported, and the sources that were passed."""
 
     fields_T: FloatArray
     array: Array
-    poses: Poses
+    attitude: FloatArray
     path_m: FloatArray
     sources: list[Dipole | Line]
     index: int
@@ -178,8 +177,7 @@ class Pass:
         array = Array.cross(way.baseline_m, vector_noise_T=noise)
         velocity = np.array([1.0, 0.0, 0.0])
         true_velocity = velocity + cell.velocity_error * generator.standard_normal(3)
-        reckoned, path = (np.outer(_TIME_S, each) for each in (velocity, true_velocity))
-        path = way.path_m(path)
+        path = way.path_m(np.outer(_TIME_S, true_velocity))
         angles = np.outer(_TIME_S, [0.2, 0.33, 0.5]) + generator.uniform(0, 6, 3)
         sway = Rotation.from_euler("zyx", way.sway * np.sin(angles))
         points = path[:, None] + np.einsum("nij,kj->nki", sway.as_matrix(), array.positions_m)
@@ -191,8 +189,7 @@ class Pass:
         reported = sway * Rotation.from_rotvec(attitude_noise * generator.standard_normal((len(_TIME_S), 3)))
         stated_T = _REGIONAL_T + generator.multivariate_normal(np.zeros(3), 1e18 * LOCAL_VARIANCE_T2) / 1e9
         known = Regional(stated_T, attitude_noise, LOCAL_VARIANCE_T2)
-        poses = Poses(reported.as_quat(), reckoned)
-        return cls(fields, array, poses, path, sources, cell.index, known)
+        return cls(fields, array, reported.as_quat(), path, sources, cell.index, known)
 
     def together(self) -> FloatArray:
         """Return the pulls (S, 3) of the dipoles that all samples show."""
@@ -203,7 +200,7 @@ class Pass:
         exact = Calibration(
             "maximum_likelihood", array, False, none, None, True, size, floor, floor, floor, 100, (0.0, 1.0), 1.0
         )
-        recording = Recording(_TIME_S, self.fields_T, attitude=self.poses.attitude)
+        recording = Recording(_TIME_S, self.fields_T, attitude=self.attitude)
         path = path_in(recording, np.array([1.0, 0.0, 0.0]))
         targets = find_targets(recording, exact, path, self.known.attitude_noise).targets
         if not targets:
@@ -214,7 +211,7 @@ class Pass:
 
     def one_by_one(self) -> FloatArray:
         """Return the pulls (n, 3) of the samples that are located by themselves, at the true places."""
-        attitude, noise = self.poses.attitude, self.known.attitude_noise
+        attitude, noise = self.attitude, self.known.attitude_noise
         outputs = self.fields_T.reshape(len(self.fields_T), -1) @ self.array.operator.T
         assert self.array.vector_noise_T is not None
         covariance = self.array.operator * np.repeat(self.array.vector_noise_T**2, 3) @ self.array.operator.T

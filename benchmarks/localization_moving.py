@@ -102,7 +102,7 @@ def _faulty_array(generator: np.random.Generator) -> SourceCalibration:
 
 def _elements(source: Loop, truth: SourceCalibration, errors: SensorErrors) -> FloatArray:
     """Return (12, 4, 3) numbers that the matrices of the errors turn into what the displaced elements read."""
-    turn, array = POSES.matrix, truth.array_of(ARRAY.with_stated_noise())
+    turn, array = POSES.as_matrix(), truth.array_of(ARRAY.with_stated_noise())
     world = source.field_T(np.einsum("nij,kaj->nkai", turn, array.element_positions_m))
     rows = truth.errors_of(errors).matrix
     raw = np.einsum("kai,nji,nkaj->nka", rows, turn, world, optimize=True)
@@ -111,7 +111,7 @@ def _elements(source: Loop, truth: SourceCalibration, errors: SensorErrors) -> F
 
 
 def _by_source(amplitudes_T: FloatArray, source: Loop, errors: SensorErrors) -> SourceCalibration:
-    return calibrate_by_source(amplitudes_T, AMPLITUDE_NOISE_T, source, POSES, errors, ARRAY)
+    return calibrate_by_source(amplitudes_T, AMPLITUDE_NOISE_T, source, POSES.as_quat(), errors, ARRAY)
 
 
 def _square(found: FloatArray, true: FloatArray, bound: float) -> float:

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.model.array import Array
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
-from tam_calibration.sources.demodulation import Poses
 from tam_calibration.sources.dipole import Dipole, Loop
 from tam_validation.papers.wu2025_coil import AMPERE_TURNS, HEADINGS_DEG, POSITION_M, RADIUS_M
 
@@ -19,7 +18,7 @@ RANGE_M = float(norm(POSITION_M))
 MOMENT_AM2 = AMPERE_TURNS * np.pi * RADIUS_M**2
 ARRAY = Array.cross(0.21, vector_noise_T=AMPLITUDE_NOISE_T)
 """The cross of that set-up."""
-POSES = Poses.headings(Rotation.from_euler("z", from_degrees(HEADINGS_DEG)[:, None]).as_quat())
+POSES = Rotation.from_euler("z", from_degrees(HEADINGS_DEG)[:, None])
 
 
 def directions(generator: np.random.Generator, count: int) -> FloatArray:
@@ -31,7 +30,7 @@ def directions(generator: np.random.Generator, count: int) -> FloatArray:
 
 def in_array(source: Dipole | Loop) -> FloatArray:
     """Return the (12, 4, 3) fields at the sensors in the array frame."""
-    turn = POSES.matrix
+    turn = POSES.as_matrix()
     fields: FloatArray = np.einsum(
         "nji,nkj->nki", turn, source.field_T(np.einsum("nij,kj->nki", turn, ARRAY.positions_m))
     )

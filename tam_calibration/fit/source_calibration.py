@@ -20,10 +20,11 @@ from tam_calibration.fit.information import descend, inverted
 from tam_calibration.fit.prior import turned
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.sources.demodulation import Poses, amplitudes_of
+from tam_calibration.sources.demodulation import amplitudes_of
 from tam_calibration.sources.dipole import Source
 
 _OTHER_SOURCE = (
@@ -87,7 +88,7 @@ def calibrate_by_source(
     amplitudes_T: FloatArray,
     noise_T: float | FloatArray,
     source: Source,
-    poses: Poses,
+    attitude: FloatArray,
     errors: SensorErrors,
     array: Array,
 ) -> SourceCalibration:
@@ -102,8 +103,8 @@ def calibrate_by_source(
         Standard deviation of the amplitudes, tesla.
     source : Source
         Known, in the world.
-    poses : Poses
-        Of the array in the world.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world, in whose origin the array's centre is.
     errors : SensorErrors
         From a calibration in a uniform field.
     array : Array
@@ -123,11 +124,12 @@ def calibrate_by_source(
     """
     from scipy.spatial.transform import Rotation
 
-    readings, noise = _check(amplitudes_T, noise_T, poses, array)
+    readings, noise = _check(amplitudes_T, noise_T, attitude, array)
+    to_world = matrices_of(attitude)
     allowed, start = _allowed(array), _Point(1.0, np.eye(3), np.zeros((array.sensor_count, 3, 3)))
 
     def linearize(point: _Point) -> Normal:
-        predicted, derivative = _predict(source, poses, errors, array, point)
+        predicted, derivative = _predict(source, to_world, errors, array, point)
         signs = np.sign(np.sum(readings * predicted, axis=(1, 2)))[:, None, None]
         residual = ((signs * readings - predicted) / noise).ravel()
         design = (derivative / noise[..., None]).reshape(len(residual), -1)
@@ -166,12 +168,12 @@ class _Point(NamedTuple):
 
 
 def _predict(
-    source: Source, poses: Poses, errors: SensorErrors, array: Array, point: _Point
+    source: Source, turn: FloatArray, errors: SensorErrors, array: Array, point: _Point
 ) -> tuple[FloatArray, FloatArray]:
     """Return the readings (N, K, 3) of a source in tesla and their derivatives (N, K, 3, 4 + 9 K)."""
-    turn, positions = poses.matrix, array.positions_m
+    positions = array.positions_m
     elements = point.scale * positions[:, None] + point.offsets_m
-    world = poses.position_m[:, None, None] + np.einsum("nij,kaj->nkai", turn, elements)
+    world = np.einsum("nij,kaj->nkai", turn, elements)
     field = np.einsum("nji,nkaj->nkai", turn, source.field_T(world))
     gradient = np.einsum("nji,nkajl,nlm->nkaim", turn, source.gradient_T_per_m(world), turn, optimize=True)
     rows = errors.matrix
@@ -200,10 +202,10 @@ def _allowed(array: Array) -> FloatArray:
 
 
 def _check(
-    amplitudes_T: FloatArray, noise_T: float | FloatArray, poses: Poses, array: Array
+    amplitudes_T: FloatArray, noise_T: float | FloatArray, attitude: FloatArray, array: Array
 ) -> tuple[FloatArray, FloatArray]:
     readings = np.asarray(amplitudes_T, dtype=float)
-    shape = (len(poses.attitude), array.sensor_count, 3)
+    shape = (len(attitude), array.sensor_count, 3)
     if readings.shape != shape:
         raise InputError(f"the amplitudes must have the shape {shape} of poses and sensors, not {readings.shape}")
     noise = np.broadcast_to(np.asarray(noise_T, dtype=float), shape)
@@ -248,7 +250,7 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
     """
     seen = amplitudes_of(recording, frequency_hz)
     found = calibrate_by_source(
-        seen.amplitudes_T, seen.noise_T, source, seen.poses, calibration.errors, calibration.array
+        seen.amplitudes_T, seen.noise_T, source, seen.attitude, calibration.errors, calibration.array
     )
     reduced = found.chi_square / found.degrees_of_freedom
     # Reject the stated source above this ratio of the squared residuals to the noise floor.

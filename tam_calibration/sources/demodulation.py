@@ -369,32 +369,6 @@ def _in_phase(frequency_hz: float, amplitudes: FloatArray, covariance: FloatArra
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """Where the array was, N times.
-
-    Parameters
-    ----------
-    attitude : (N, 4) array
-        Quaternions x, y, z, w that turn vectors of the array frame into the world's.
-    position_m : (N, 3) array
-        Of the array's centre in the world, metres.
-    """
-
-    attitude: FloatArray
-    position_m: FloatArray
-
-    @classmethod
-    def headings(cls, attitude: FloatArray) -> "Poses":
-        """Return the poses of an array that was turned about its centre, which is the origin of the world."""
-        return cls(attitude, np.zeros((len(attitude), 3)))
-
-    @property
-    def matrix(self) -> FloatArray:
-        """(N, 3, 3) rotations from the array frame to the world."""
-        return matrices_of(self.attitude)
-
-
 _STILL = from_degrees(0.2)
 """An attitude that stays within this angle of its first is one pose, radians."""
 FEWEST_PERIODS = 10.0
@@ -407,15 +381,15 @@ class PoseAmplitudes:
 
     Parameters
     ----------
-    poses : Poses
-        Of the array, its centre at the origin of the world.
+    attitude : (N, 4) array
+        Quaternions x, y, z, w from the array frame to the world, in whose origin the array's centre is.
     amplitudes_T : (N, K, 3) array
         Raw, tesla; of each pose the sign of all together is open.
     noise_T : (N, K, 3) array
         Their standard errors.
     """
 
-    poses: Poses
+    attitude: FloatArray
     amplitudes_T: FloatArray
     noise_T: FloatArray
 
@@ -451,7 +425,7 @@ def amplitudes_of(recording: Recording, frequency_hz: float) -> PoseAmplitudes:
         np.array(values).reshape(len(found), -1, 3)
         for values in ([each.amplitude for each in found], [each.standard_errors for each in found])
     )
-    return PoseAmplitudes(Poses.headings(recording.attitude[middles]), amplitudes, noise)
+    return PoseAmplitudes(recording.attitude[middles], amplitudes, noise)
 
 
 def poses_of(recording: Recording, frequency_hz: float) -> list[slice]:

@@ -16,13 +16,13 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.results.calibration_yaml import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
-from tam_calibration.sources.demodulation import Poses, amplitudes_of
+from tam_calibration.sources.demodulation import amplitudes_of
 from tam_calibration.sources.dipole import Dipole, Loop
 
 ARRAY = Array.cross(0.21)
 SOURCE = Loop(np.array([2.4, -1.0, 0.46]), np.array([250.0, -280.0, 240.0]), 0.445)
 TURNS = Rotation.from_euler("z", np.arange(12)[:, None] * np.pi / 6)
-POSES = Poses.headings(TURNS.as_quat())
+POSES = TURNS.as_quat()
 FREQUENCY_HZ = 10.0
 OFFSETS_M = 5e-3 * np.random.default_rng(61).normal(size=(4, 3, 3))
 OFFSETS_M -= ARRAY.positions_m[:, None] * np.sum(ARRAY.positions_m[:, None] * OFFSETS_M) / (12 * 0.105**2)
@@ -45,7 +45,7 @@ def amplitudes(errors, source=SOURCE, truth=TRUTH):
     """Return the raw amplitudes (N, K, 3) that the true array reads, written down independently of the fit."""
     rows, places = truth.errors_of(errors).matrix, truth.array_of(ARRAY).element_positions_m
     raw = np.zeros((12, 4, 3))
-    for pose, turn in enumerate(POSES.matrix):
+    for pose, turn in enumerate(TURNS.as_matrix()):
         for sensor in range(4):
             for axis in range(3):
                 field = turn.T @ source.field_T(turn @ places[sensor, axis])
@@ -79,10 +79,10 @@ def test_standard_errors_are_those_of_repeated_measurements(errors):
 
 def test_poses_that_show_too_little_are_refused(errors):
     """Two headings have fewer values than there are unknowns; one heading repeated has the values but not the sight."""
-    two = Poses.headings(TURNS[:2].as_quat())
+    two = TURNS[:2].as_quat()
     with pytest.raises(Refused, match="do not determine"):
         calibrate_by_source(amplitudes(errors)[:2], 5e-11, SOURCE, two, errors, ARRAY)
-    same = Poses.headings(np.repeat(POSES.attitude[:1], 12, axis=0))
+    same = np.repeat(POSES[:1], 12, axis=0)
     with pytest.raises(Refused, match="do not determine"):
         calibrate_by_source(np.repeat(amplitudes(errors)[:1], 12, axis=0), 5e-11, SOURCE, same, errors, ARRAY)
     with pytest.raises(InputError, match="shape"):
@@ -101,13 +101,13 @@ def record(errors, rate_hz=100, seconds=4.0, noise_T=1e-10):
     earth = TURNS.inv().apply([1e-6, 2e-5, -4.5e-5])
     steady = TRUTH.errors_of(errors).distort(earth)
     readings = steady[pose] + carrier * amplitudes(errors)[pose] + noise_T * generator.normal(size=(len(time), 4, 3))
-    return Recording(time, readings, attitude=POSES.attitude[pose])
+    return Recording(time, readings, attitude=POSES[pose])
 
 
 def test_amplitudes_of_each_pose_come_out_of_a_recording(errors):
     """To their standard errors, each pose with one sign for all."""
     seen = amplitudes_of(record(errors), FREQUENCY_HZ)
-    assert_allclose(seen.poses.attitude, POSES.attitude)
+    assert_allclose(seen.attitude, POSES)
     exact = amplitudes(errors)
     signs = np.sign(np.sum(seen.amplitudes_T * exact, axis=(1, 2)))[:, None, None]
     assert np.mean(((signs * seen.amplitudes_T - exact) / seen.noise_T) ** 2) == pytest.approx(1, abs=0.4)
