@@ -15,6 +15,7 @@ turns, and for the random walk that its noise makes, as the first terms of its K
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.linalg import inv
@@ -79,16 +80,16 @@ class Basis:
         """(count,) abscissas of the maxima."""
         return np.asarray(self.first + self.step * (np.arange(self.count) - 1))
 
-    def four(self, at: FloatArray) -> tuple[np.ndarray, FloatArray]:
-        """Return which coefficients (N, 4) count at abscissas (N,), and their values (N, 4): others are zero."""
-        centers = self.centers
-        first = np.clip(np.floor((at - centers[0]) / self.step).astype(int) - 1, 0, self.count - 4)
-        index = first[:, None] + np.arange(4)
-        return index, _cubic(np.abs(at[:, None] - centers[index]) / self.step)
+    def rows(self, at: FloatArray) -> Any:
+        """Return the values of the basis at abscissas (N,) as a sparse matrix (N, count)."""
+        from scipy.interpolate import BSpline
+
+        knots = self.first + self.step * np.arange(-3, self.count + 1)
+        return BSpline.design_matrix(at, knots, 3, extrapolate=True)  # by rounding they may lie beyond the last knot
 
     def matrix(self, at: FloatArray) -> FloatArray:
         """Return the values (N, count) of the basis at abscissas (N,)."""
-        return _cubic(np.abs(np.asarray(at)[:, None] - self.centers) / self.step)
+        return np.asarray(self.rows(at).toarray())
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +118,7 @@ class Path:
 
     def at(self, time_s: FloatArray) -> FloatArray:
         """Return the path (N, 3) at times (N,), metres."""
-        index, values = self.basis.four(time_s)
-        return np.asarray(np.einsum("nc,nci->ni", values, self.coefficients_m[index]))
+        return np.asarray(self.basis.rows(time_s) @ self.coefficients_m)
 
     def error(self, first_s: float, last_s: float) -> tuple[slice, list[FloatArray]]:
         """Return which coefficients (n) are used between two times, and the roots (n, ·) of each axis' covariance."""
@@ -190,17 +190,17 @@ def _smoothed(
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
-    index, values = basis.four(times)
-    rows, rough = _bands(index, values, basis.count), _roughness(basis.count)
+    rows = basis.rows(times)
+    own, rough = _bands(rows.T @ rows), _roughness(basis.count)
     best, least = None, np.inf
     centred = places - places.mean()
-    right = np.bincount(index.ravel(), (values * centred[:, None]).ravel(), basis.count)
+    right = rows.T @ centred
     for balance in _BALANCES:
-        bands = rows + balance * rough
-        bands[3] += 1e-10 * rows[3].mean()
+        bands = own + balance * rough
+        bands[3] += 1e-10 * own[3].mean()
         root = cholesky_banded(bands)
         coefficients = cho_solve_banded((root, False), right)
-        residual = centred - np.sum(values * coefficients[index], axis=1)
+        residual = centred - rows @ coefficients
         energy = float(residual @ centred) / (len(places) - 2)
         variance = max(energy, error_m**2, _LEAST_SEEN_M**2)
         score = (len(places) - 2) * (np.log(variance) + energy / variance)
@@ -211,25 +211,17 @@ def _smoothed(
     return best
 
 
-def _bands(index: np.ndarray, values: FloatArray, count: int) -> FloatArray:
-    """Return the upper bands (4, C) of the products of a basis at N abscissas, the diagonal last."""
-    bands = np.zeros((4, count))
-    for away in range(4):
-        products = values[:, away:] * values[:, : 4 - away]
-        bands[3 - away] = np.bincount(index[:, away:].ravel(), products.ravel(), count)
-    return bands
+def _bands(matrix: Any) -> FloatArray:
+    """Return the upper bands (4, C) of a matrix (C, C), the diagonal last."""
+    return np.array([np.pad(matrix.diagonal(away), (away, 0)) for away in (3, 2, 1, 0)])
 
 
 def _roughness(count: int) -> FloatArray:
     """Return the upper bands (4, C) of the squares of second differences 1, -2, 1."""
-    bands = np.zeros((4, count))
-    bands[3, :-2] += 1
-    bands[3, 1:-1] += 4
-    bands[3, 2:] += 1
-    bands[2, 1:-1] -= 2
-    bands[2, 2:] -= 2
-    bands[1, 2:] += 1
-    return bands
+    from scipy.sparse import diags
+
+    second = diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(count - 2, count))
+    return _bands(second.T @ second)
 
 
 def reckoned(time_s: FloatArray, velocity_m_per_s: FloatArray, error_m_per_s: float) -> Path:
@@ -249,12 +241,6 @@ def reckoned(time_s: FloatArray, velocity_m_per_s: FloatArray, error_m_per_s: fl
     bands = _roughness(basis.count) / (_WALK_M_PER_S2 * basis.step**2) ** 2
     bands[3] += 1 / (_SWAY_M if error_m_per_s else PLACE_ERROR_M) ** 2
     return Path(basis, places, np.array([bands] * 3), 0.0, error_m_per_s)
-
-
-def _cubic(distance: FloatArray) -> FloatArray:
-    """Return the cubic B-spline at distances from its middle, in steps of its knots."""
-    near = 2 / 3 - distance**2 + distance**3 / 2
-    return np.where(distance < 1, near, np.maximum(2 - distance, 0.0) ** 3 / 6)
 
 
 _WALK = 24
