@@ -19,7 +19,7 @@ from tam_calibration.localization.solutions import Survey
 from tam_calibration.localization.targets import field_map, find_targets, merged, path_in, require_area
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2, field_at
+from tam_calibration.model.geomagnetic_field import field_at
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray, from_degrees
 from tam_calibration.recordings.channel_map import Reading
@@ -231,7 +231,6 @@ def _located(data: Recording, calibration: Calibration, wanted: Wanted) -> Surve
         calibration,
         index=wanted.index,
         regional_T=wanted.regional_T,
-        regional_covariance_T2=LOCAL_VARIANCE_T2,
         attitude_noise=from_degrees(wanted.attitude_noise_deg),
     )
 

@@ -39,6 +39,7 @@ from tam_calibration.localization.source_fit import (
 )
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, regional_of, turned
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import CHANCE
@@ -105,7 +106,7 @@ def locate_steady(
     *,
     index: float = DIPOLE_INDEX,
     regional_T: FloatArray | None = None,
-    regional_covariance_T2: FloatArray | None = None,
+    regional_covariance_T2: FloatArray = LOCAL_VARIANCE_T2,
     attitude_noise: float = 0.0,
 ) -> Survey:
     """Locate a source at rest in each sample: its position counts from the array.
@@ -120,8 +121,8 @@ def locate_steady(
         Structural index: 3 of a dipole, 2 of a line of dipoles, 1 of a line of current.
     regional_T : (3,) array, optional
         Field beside the source's in the world, tesla; fitted where it is not given.
-    regional_covariance_T2 : (3, 3) array, optional
-        Of that, T²; without it the field is exact.
+    regional_covariance_T2 : (3, 3) array
+        Of that, T²; by default as of a main field model.
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
 
@@ -183,7 +184,6 @@ def regional_beside_current(samples: Samples, prior: Regional) -> Regional:
     Refused
         When no sample can be located, or the steps do not settle.
     """
-    assert prior.covariance_T2 is not None
     error = np.sqrt(np.maximum(np.diag(prior.covariance_T2), np.diag(samples.covariance)[:3]))
     field_T = prior.field_T
     for _ in range(MOST_STEPS):
@@ -258,7 +258,7 @@ def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regio
     """
     assert samples.attitude is not None
     regional, part = prior, np.zeros(0, dtype=int)
-    if samples.index == CURRENT_INDEX and prior.covariance_T2 is not None:
+    if samples.index == CURRENT_INDEX and prior.covariance_T2.any():
         regional = regional_beside_current(samples, prior)
     for number in range(MOST_STEPS):
         world = turned(locate_each(samples, regional), samples.attitude, prior.attitude_noise)
@@ -298,8 +298,6 @@ def _part_of(at: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 def _is_near(before: Regional, after: Regional) -> bool:
     """Return whether a regional field hardly moved, in units of its standard errors."""
-    if after.covariance_T2 is None:
-        return True
     errors = np.sqrt(np.diag(after.covariance_T2))
     return bool((np.abs(after.field_T - before.field_T) <= SETTLED * errors).all())
 

@@ -27,7 +27,7 @@ from tam_calibration.localization.source_fit import (
     hardly_moves,
     whitening_of,
 )
-from tam_calibration.localization.turned_samples import Regional, Samples, less_turned
+from tam_calibration.localization.turned_samples import Beside, Regional, Samples
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field
 
@@ -77,20 +77,17 @@ def fit_shared(samples: Samples, own: EulerSolutions, near: Regional, prior: Reg
     prior : Regional
         What is known of it beforehand.
     """
-    root = np.zeros((3, 0)) if prior.covariance_T2 is None else root_of(prior.covariance_T2)
+    root = root_of(prior.covariance_T2)
     run = _run_of(samples, own, near, root, np.linalg.pinv(root) @ (prior.field_T - near.field_T))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
-        start = np.concatenate([run.shared, np.zeros(root.shape[1])])[None]
+        start = np.concatenate([run.shared, np.zeros(3)])[None]
         solution = solve_damped(run.predict, run.target, start, run.is_small)
         predicted, slopes = run.predict(solution.unknowns, np.arange(1))
         places = run.places(solution.unknowns[0])
     shared, count = len(run.shared), run.data.size
     spread = solution.covariance[0, shared:, shared:]
-    regional = replace(
-        prior,
-        field_T=near.field_T + root @ solution.unknowns[0, shared:],
-        covariance_T2=None if prior.covariance_T2 is None else root @ spread @ root.T,
-    )
+    field_T = near.field_T + root @ solution.unknowns[0, shared:]
+    regional = replace(prior, field_T=field_T, covariance_T2=root @ spread @ root.T)
     position_m = run.position_m(places, solution.unknowns[0], samples.rotation)
     residuals = (run.target - predicted)[0, :count].reshape(run.data.shape)
     slopes = slopes[0, :count].reshape(*run.data.shape, -1)
@@ -165,12 +162,12 @@ class _Run:
 def _run_of(samples: Samples, own: EulerSolutions, near: Regional, root: FloatArray, expected: FloatArray) -> _Run:
     """Return the run that begins with the sources of each sample."""
     back, outputs, array = np.swapaxes(samples.rotation, 1, 2), samples.outputs, samples.array
-    field_T = turned_T = back @ near.field_T
+    beside = Beside.of(samples, replace(near, covariance_T2=np.zeros((3, 3))))
+    turned_T = beside.field_T
     if near.attitude_noise:
         own_T = dipole_field(-own.position_m, own.moment_Am2)[0]
         turned_T = outputs[:, :3] - (back @ own_T[..., None])[..., 0]
-    noise = np.broadcast_to(samples.covariance[:8, :8], (len(outputs), 8, 8))
-    seen, noise = less_turned(outputs, field_T, turned_T, noise, np.zeros((3, 3)), near.attitude_noise)
+    seen, noise = beside.less(turned_T)
     # Without errors of the attitude all samples have one noise.
     whitening = np.broadcast_to(whitening_of(noise if near.attitude_noise else noise[:1]), noise.shape)
     points, by_points = elements_of(array, array.operator[:8])

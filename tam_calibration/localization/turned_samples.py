@@ -11,8 +11,8 @@ covariance is σ² (|g|² - g gᵀ), and along g the reading less f has |f| - f�
 dipole itself is not turned: its place and moment are sought in the axes of the array.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.linalg import norm
@@ -95,13 +95,13 @@ class Regional:
         In the world, tesla.
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
-    covariance_T2 : (3, 3) array, optional
-        Of the field, T²; without it the field is exact.
+    covariance_T2 : (3, 3) array
+        Of the field, T²; zero of an exact one.
     """
 
     field_T: FloatArray
     attitude_noise: float = 0.0
-    covariance_T2: FloatArray | None = None
+    covariance_T2: FloatArray = field(default_factory=partial(np.zeros, (3, 3)))
 
 
 def regional_of(outputs: FloatArray, attitude: FloatArray, attitude_noise: float = 0.0) -> Regional:
@@ -131,10 +131,10 @@ def regional_of(outputs: FloatArray, attitude: FloatArray, attitude_noise: float
         raise InputError("no sample has a field and an attitude: the regional field cannot be fitted")
     world = Rotation.from_quat(attitude[known]).apply(outputs[known, :3])
     # Errors of the attitude shorten the median of each component by half of what they shorten its mean.
-    field = np.median(world, axis=0) / (1 - attitude_noise**2 / 2)
+    field_T = np.median(world, axis=0) / (1 - attitude_noise**2 / 2)
     tenths = np.array([np.median(part, axis=0) for part in np.array_split(world, _TENTHS) if len(part)])
     spread = noise_deviation(tenths - np.median(tenths, axis=0), axis=0)
-    return Regional(field, attitude_noise, np.diag(spread**2))
+    return Regional(field_T, attitude_noise, np.diag(spread**2))
 
 
 def locate_samples(samples: Samples, regional: Regional | None = None) -> EulerSolutions:
@@ -177,15 +177,11 @@ def locate_each(samples: Samples, regional: Regional | None = None) -> EulerSolu
         return EulerSolutions.refused(len(outputs), Status.NOT_FINITE)
     if regional is None:
         return locate_with_baselines(outputs, array, covariance, index=index)
-    back = np.swapaxes(samples.rotation, 1, 2)
-    field_T = back @ regional.field_T
-    if regional.attitude_noise or regional.covariance_T2 is not None:
-        spread = np.zeros((3, 3)) if regional.covariance_T2 is None else regional.covariance_T2
-        noise = np.broadcast_to(covariance, (len(outputs), 9, 9))[:, :8, :8]
-        own = back @ spread @ samples.rotation
-        solutions = _Beside(outputs, field_T, noise, own, array, index, regional.attitude_noise).located()
+    beside = Beside.of(samples, regional)
+    if regional.attitude_noise or regional.covariance_T2.any():
+        solutions = beside.located()
     else:
-        source = np.concatenate([outputs[:, :3] - field_T, outputs[:, 3:]], axis=1)
+        source = beside.less(beside.field_T)[0]
         solutions = locate_with_baselines(source, array, covariance, index=index)
     return _unless_unknown(solutions, samples.rotation)
 
@@ -241,40 +237,6 @@ _ROUNDS = 3
 """Fits of each where the attitude is not exact, after the first with the turned field that the fit before leaves."""
 
 
-def less_turned(
-    outputs: FloatArray,
-    field_T: FloatArray,
-    turned_T: FloatArray,
-    covariance: FloatArray,
-    own: FloatArray,
-    attitude_noise: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return outputs (N, 8) less a regional field that is known but for a turn, and their covariances (N, 8, 8).
-
-    Parameters
-    ----------
-    outputs : (N, 9) array
-        Field and gradient, array frame, tesla and T/m.
-    field_T : (N, 3) array
-        The regional field as the reported attitude has it in the array frame, tesla.
-    turned_T : (N, 3) array
-        Nearly what it was turned to, array frame, tesla; the field itself where the attitude is exact.
-    covariance : (N, 8, 8) array
-        Of the outputs.
-    own : (N, 3, 3) array
-        Of the regional field in the array frame, T².
-    attitude_noise : float
-        Standard deviation of the attitude about each axis, radians: its error goes across the turned field.
-    """
-    size = norm(turned_T, axis=1, keepdims=True)
-    unit = np.divide(turned_T, size, out=np.zeros_like(turned_T), where=size > 0)
-    longer = norm(field_T, axis=1) - np.einsum("ni,ni->n", unit, field_T)
-    seen, widened = outputs[:, :8].copy(), covariance.copy()
-    seen[:, :3] -= field_T + unit * longer[:, None]
-    widened[:, :3, :3] += _turning(own, turned_T, attitude_noise**2)
-    return seen, widened
-
-
 @dataclass(frozen=True, eq=False)
 class _Found(Solution):
     """The best of several fits, χ² infinite where none settled; its field (N, 3), and which samples have other ones."""
@@ -293,8 +255,26 @@ _Fits = tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
-    """Samples beside a field ``field_T`` that is uncertain by ``own``, or known but for a turn: see ``less_turned``."""
+class Beside:
+    """N samples beside a regional field that is uncertain, and known but for a turn.
+
+    Parameters
+    ----------
+    outputs : (N, 9) array
+        Field and gradient, array frame, tesla and T/m.
+    field_T : (N, 3) array
+        The regional field as the reported attitude has it in the array frame, tesla.
+    covariance : (N, 8, 8) array
+        Of the outputs.
+    own : (N, 3, 3) array
+        Of the regional field in the array frame, T².
+    array : Array
+        Whose outputs they are.
+    index : float
+        Structural index.
+    attitude_noise : float
+        Standard deviation of the attitude about each axis, radians.
+    """
 
     outputs: FloatArray
     field_T: FloatArray
@@ -304,14 +284,36 @@ class _Beside:
     index: float
     attitude_noise: float
 
-    def take(self, at: np.ndarray) -> "_Beside":
+    @classmethod
+    def of(cls, samples: Samples, regional: Regional) -> "Beside":
+        """Return samples with an attitude, beside a field that is uniform in its world."""
+        back, outputs = np.swapaxes(samples.rotation, 1, 2), samples.outputs
+        covariance = np.broadcast_to(samples.covariance[..., :8, :8], (len(outputs), 8, 8))
+        own = back @ regional.covariance_T2 @ samples.rotation
+        field_T, noise = back @ regional.field_T, regional.attitude_noise
+        return cls(outputs, field_T, covariance, own, samples.array, samples.index, noise)
+
+    def take(self, at: np.ndarray) -> "Beside":
         """Return some of the samples."""
         names = ("outputs", "field_T", "covariance", "own")
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def less(self, turned_T: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the outputs less the field, turned, and their covariances."""
-        return less_turned(self.outputs, self.field_T, turned_T, self.covariance, self.own, self.attitude_noise)
+        """Return the outputs (N, 8) less the field, and their covariances (N, 8, 8).
+
+        Parameters
+        ----------
+        turned_T : (N, 3) array
+            Nearly what the field was turned to, array frame, tesla; the field itself where the attitude is exact. An
+            error of the attitude goes across it.
+        """
+        size = norm(turned_T, axis=1, keepdims=True)
+        unit = np.divide(turned_T, size, out=np.zeros_like(turned_T), where=size > 0)
+        longer = norm(self.field_T, axis=1) - np.einsum("ni,ni->n", unit, self.field_T)
+        seen, widened = self.outputs[:, :8].copy(), self.covariance.copy()
+        seen[:, :3] -= self.field_T + unit * longer[:, None]
+        widened[:, :3, :3] += _turning(self.own, turned_T, self.attitude_noise**2)
+        return seen, widened
 
     @property
     def spread(self) -> FloatArray:
