@@ -1,5 +1,7 @@
 """Lines of current and of dipoles, fitted with the array's true baselines."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.linalg import norm
@@ -7,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.source_fit import _field, _nearest, locate_with_baselines
+from tam_calibration.localization.source_fit import _field, _nearest, locate_with_baselines, with_slopes
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 
@@ -79,12 +81,11 @@ def test_derivatives_are_those_of_differences(index, unknowns):
     """Of the field, and of the nearest point and the direction."""
     rng = np.random.default_rng(1)
     points, at = rng.normal(size=(3, 4, 3)), rng.normal(size=(3, unknowns)) + 3
-    for number, change in enumerate(1e-6 * np.eye(unknowns)):
-        difference = (_field(points, at + change, index)[0] - _field(points, at - change, index)[0]) / 2e-6
-        assert_allclose(_field(points, at, index)[1][..., number], difference, rtol=1e-5, atol=1e-8)
-        if number < 4:
-            difference = (_nearest(at + change)[0] - _nearest(at - change)[0]) / 2e-6
-            assert_allclose(_nearest(at)[1][..., number], difference, atol=1e-8)
+    for function in (partial(_field, points, index), _nearest):
+        _, slopes = with_slopes(function, at)
+        for number, change in enumerate(1e-6 * np.eye(unknowns)):
+            difference = (function(at + change) - function(at - change)) / 2e-6
+            assert_allclose(slopes[..., number], difference, rtol=1e-5, atol=1e-8)
 
 
 def test_another_index_is_refused():
