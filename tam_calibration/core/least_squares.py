@@ -16,7 +16,7 @@ known otherwise: its length |b̂|, of variance uᵀ C u along its direction u, a
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.linalg import inv
@@ -245,6 +245,17 @@ class Solution:
     def take(self, at: np.ndarray) -> Self:
         """Return those of some problems."""
         return replace(self, **{name: value[at] for name, value in vars(self).items()})
+
+
+def with_slopes(function: Callable[[Any], Any], unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what an analytic function makes of unknowns (n, P), and its derivatives (…, P).
+
+    By complex steps: f(x + ih) is f(x) + ih f'(x) but for h² (Squire and Trapp 1998). Nothing is subtracted, so that
+    the derivatives are as exact as the function.
+    """
+    step = 1e-30
+    values = np.stack([function(unknowns + 1j * step * unit) for unit in np.eye(unknowns.shape[1])], axis=-1)
+    return values[..., 0].real, values.imag / step
 
 
 def solve_damped(predict: Predict, data: FloatArray, start: FloatArray, is_small: IsSmall) -> Solution:

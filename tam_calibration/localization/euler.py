@@ -9,10 +9,11 @@ constrained solution needs no regularisation, where the unconstrained G⁻¹ bre
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from tam_calibration.core.least_squares import ROUNDING
+from tam_calibration.core.least_squares import ROUNDING, with_slopes
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.model.array import UNIT_TENSORS, tensors_of
 from tam_calibration.model.exceptions import InputError
@@ -77,9 +78,9 @@ def _locate(outputs: FloatArray, noise: FloatArray, index: float, constrained: b
             covariance_of_r = _add_ambiguity(system, r, covariance_of_r, status, index)
         spread = np.trace(covariance_of_r, axis1=1, axis2=2)
         _mark(status, Status.UNCERTAIN, ~(spread <= np.sum(r**2, axis=1)))
-        moment, by_r, by_field = moment_of_field(r, outputs[:, :3])
-        by_output_of_moment = by_r @ by_output
-        by_output_of_moment[..., :3] += by_field
+        moment, slopes = with_slopes(_moment, np.concatenate([r, outputs[:, :3]], axis=1))
+        by_output_of_moment = slopes[..., :3] @ by_output
+        by_output_of_moment[..., :3] += slopes[..., 3:]
         covariance_of_moment = by_output_of_moment @ noise @ np.swapaxes(by_output_of_moment, 1, 2)
     status[~is_finite] = Status.NOT_FINITE
     is_located = status == Status.LOCATED
@@ -91,6 +92,10 @@ def _locate(outputs: FloatArray, noise: FloatArray, index: float, constrained: b
         _only(has_moment, covariance_of_moment),
         status,
     )
+
+
+def _moment(place_and_field: Any) -> Any:
+    return moment_of_field(place_and_field[:, :3], place_and_field[:, 3:])
 
 
 @dataclass(frozen=True, eq=False)

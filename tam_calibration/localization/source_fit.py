@@ -17,7 +17,6 @@ calibration has. So a few unknowns of standard deviation one say all that may be
 at most as many as there are parameters.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -25,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import Solution, root_of, scaled, solution_at, solve_damped
+from tam_calibration.core.least_squares import Solution, root_of, scaled, solution_at, solve_damped, with_slopes
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import across_of
 from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX, locate
@@ -202,17 +201,6 @@ class Lines:
         weights, count = self.weights[at], len(at)
         data = (weights @ field.reshape(count, -1, 1))[..., 0]
         return data, weights @ slopes.reshape(count, -1, slopes.shape[-1])
-
-
-def with_slopes(function: Callable[[Any], Any], unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what an analytic function makes of unknowns (n, P), and its derivatives (…, P).
-
-    By complex steps: f(x + ih) is f(x) + ih f'(x) but for h² (Squire and Trapp 1998). Nothing is subtracted, so that
-    the derivatives are as exact as the function.
-    """
-    step = 1e-30
-    values = np.stack([function(unknowns + 1j * step * unit) for unit in np.eye(unknowns.shape[1])], axis=-1)
-    return values[..., 0].real, values.imag / step
 
 
 def _field(points_m: FloatArray, index: float, unknowns: Any) -> Any:

@@ -8,6 +8,7 @@ the far field lose no digits.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
@@ -146,8 +147,8 @@ def _by_moment(offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, 
     return unit, distance, near, by_moment
 
 
-def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the moment of the dipole that makes a given field, and its derivatives.
+def moment_of_field(offset_m: Any, field_T: Any) -> Any:
+    """Return the moment of the dipole that makes a given field.
 
     As n nᵀ is a projection, the inverse of 3 n nᵀ - 1 is (3/2) n nᵀ - 1.
 
@@ -160,25 +161,12 @@ def moment_of_field(offset_m: FloatArray, field_T: FloatArray) -> tuple[FloatArr
 
     Returns
     -------
-    moment : (…, 3) array
+    (…, 3) array
         Magnetic moment, A m².
-    by_offset : (…, 3, 3) array
-        Rows of the moment, columns of the offset, A m.
-    by_field : (…, 3, 3) array
-        Rows of the moment, columns of the field, A m²/T.
     """
-    distance = norm(offset_m, axis=-1)[..., None, None]
-    column, field = offset_m[..., :, None], field_T[..., :, None]
-    row = np.swapaxes(column, -1, -2)
-    unit = row / distance
-    along = row @ field
-    by_field = (1.5 * distance * column @ row - distance**3 * np.eye(3)) / _STRENGTH
-    by_offset = (
-        1.5 * distance * (along * np.eye(3) + column @ np.swapaxes(field, -1, -2))
-        + 1.5 * along * column @ unit
-        - 3 * distance**2 * field @ unit
-    ) / _STRENGTH
-    return (by_field @ field)[..., 0], by_offset, by_field
+    square = np.sum(offset_m**2, axis=-1, keepdims=True)
+    along = np.sum(offset_m * field_T, axis=-1, keepdims=True)
+    return np.sqrt(square) * (1.5 * along * offset_m - square * field_T) / _STRENGTH
 
 
 @dataclass(frozen=True, eq=False)

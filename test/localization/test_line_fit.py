@@ -8,8 +8,9 @@ from numpy.linalg import norm
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.core.least_squares import with_slopes
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.source_fit import _field, _nearest, locate_with_baselines, with_slopes
+from tam_calibration.localization.source_fit import _field, _nearest, locate_with_baselines
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 

@@ -4,6 +4,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.constants import mu_0
 
+from tam_calibration.core.least_squares import with_slopes
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.sources.dipole import VACUUM_PERMEABILITY, Dipole, Loop, dipole_field, moment_of_field
 
@@ -37,13 +38,15 @@ def test_gradient_and_derivative_by_the_moment_are_slopes_of_the_field(slope):
 
 
 def test_moment_of_the_field_is_the_moment(slope):
-    """Field to moment undoes moment to field; its derivatives are slopes."""
-    moment, by_offset, by_field = moment_of_field(OFFSETS, dipole_field(OFFSETS, MOMENTS)[0])
+    """Field to moment undoes moment to field; its derivatives by complex steps are slopes."""
+    both = np.concatenate([OFFSETS, dipole_field(OFFSETS, MOMENTS)[0]], axis=1)
+    moment, slopes = with_slopes(lambda each: moment_of_field(*np.split(each, 2, axis=1)), both)
     assert_allclose(moment, MOMENTS, rtol=1e-12)
+    by_offset, by_field = np.split(slopes, 2, axis=2)
     for n, (offset, source) in enumerate(zip(OFFSETS, MOMENTS, strict=True)):
         field = dipole_field(offset, source)[0]
-        by_place = slope(lambda point, field=field: moment_of_field(point, field)[0], offset, 1e-3)
-        by_value = slope(lambda value, offset=offset: moment_of_field(offset, value)[0], field, np.abs(field).max())
+        by_place = slope(lambda point, field=field: moment_of_field(point, field), offset, 1e-3)
+        by_value = slope(lambda value, offset=offset: moment_of_field(offset, value), field, np.abs(field).max())
         assert_allclose(by_offset[n], by_place, atol=1e-8 * np.abs(by_place).max())
         assert_allclose(by_field[n], by_value, atol=1e-8 * np.abs(by_value).max())
 
