@@ -199,7 +199,7 @@ def locate_amplitudes(
         outputs = part.outputs[None]
         euler = locate(outputs, part.to_outputs @ part.covariance() @ part.to_outputs.T, index=index)
         if euler.is_located[0]:
-            fit = own[number] = fit_amplitudes(part, start_of(euler, outputs, index)[0], index)
+            fit = own[number] = fit_amplitudes(part, start_of(euler, index)[0], index)
             located = fit.solution.take(np.array([fit.status == Status.LOCATED]))
             euler = EulerSolutions.of_fits(np.array([fit.status]), located, index == DIPOLE_INDEX)
         each.append(euler)

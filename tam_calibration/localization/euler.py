@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tam_calibration.core.least_squares import ROUNDING, with_slopes
+from tam_calibration.core.least_squares import ROUNDING, Solution, with_slopes
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
 from tam_calibration.model.array import UNIT_TENSORS, tensors_of
 from tam_calibration.model.exceptions import InputError
@@ -63,7 +63,7 @@ def locate(
 
 def _locate(outputs: FloatArray, noise: FloatArray, index: float, constrained: bool) -> EulerSolutions:
     is_finite = np.asarray(np.isfinite(outputs).all(axis=1) & np.isfinite(noise).all(axis=(1, 2)))
-    outputs, noise = _only(is_finite, outputs, 0.0), _only(is_finite, noise, 0.0)
+    outputs, noise = np.where(is_finite[:, None], outputs, 0.0), np.where(is_finite[:, None, None], noise, 0.0)
     system = _System.of(outputs, noise, constrained)
     status = np.full(len(outputs), Status.LOCATED, dtype=int)
     _mark(status, Status.NO_FIELD, _is_hidden(outputs[:, :3], noise[:, :3, :3], _FIELD_CHI_SQUARE))
@@ -73,25 +73,19 @@ def _locate(outputs: FloatArray, noise: FloatArray, index: float, constrained: b
         _mark(status, Status.ILL_CONDITIONED, np.abs(system.values[:, 2]) <= least)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         r, by_output = system.solve(index)
-        covariance_of_r: FloatArray = by_output @ noise @ np.swapaxes(by_output, 1, 2)
-        if constrained:
-            covariance_of_r = _add_ambiguity(system, r, covariance_of_r, status, index)
-        spread = np.trace(covariance_of_r, axis1=1, axis2=2)
-        _mark(status, Status.UNCERTAIN, ~(spread <= np.sum(r**2, axis=1)))
         moment, slopes = with_slopes(_moment, np.concatenate([r, outputs[:, :3]], axis=1))
-        by_output_of_moment = slopes[..., :3] @ by_output
-        by_output_of_moment[..., :3] += slopes[..., 3:]
-        covariance_of_moment = by_output_of_moment @ noise @ np.swapaxes(by_output_of_moment, 1, 2)
+        by_output = np.concatenate([by_output, slopes[..., :3] @ by_output], axis=1)
+        by_output[:, 3:, :3] += slopes[..., 3:]
+        covariance = by_output @ noise @ np.swapaxes(by_output, 1, 2)
+        if constrained:
+            covariance[:, :3, :3] = _add_ambiguity(system, r, covariance[:, :3, :3], status, index)
+        spread = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
+        _mark(status, Status.UNCERTAIN, ~(spread <= np.sum(r**2, axis=1)))
     status[~is_finite] = Status.NOT_FINITE
-    is_located = status == Status.LOCATED
-    has_moment = is_located & (index == DIPOLE_INDEX)
-    return EulerSolutions(
-        _only(is_located, -r),
-        _only(is_located, covariance_of_r),
-        _only(has_moment, moment),
-        _only(has_moment, covariance_of_moment),
-        status,
-    )
+    is_dipole, is_located = index == DIPOLE_INDEX, status == Status.LOCATED
+    unknowns = np.concatenate([-r, moment if is_dipole else system.vectors[..., 2]], axis=1)
+    every = Solution(unknowns, covariance, np.full(len(r), np.nan), is_located)
+    return EulerSolutions.of_fits(status, every.take(is_located), is_dipole)
 
 
 def _moment(place_and_field: Any) -> Any:
@@ -199,8 +193,3 @@ def _add_ambiguity(
 def _mark(status: np.ndarray, value: Status, where: np.ndarray) -> None:
     """Note a reason where none has been found before."""
     status[where & (status == Status.LOCATED)] = value
-
-
-def _only(where: np.ndarray, values: FloatArray, other: float = np.nan) -> FloatArray:
-    """Return values (N, …) of some samples, and another number for the rest."""
-    return np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, other)

@@ -207,7 +207,7 @@ def _left(samples: Samples, field_T: FloatArray) -> tuple[FloatArray, FloatArray
     at = np.flatnonzero(euler.is_located)
     if not len(at):
         raise Refused(_NONE_LOCATED)
-    start = start_of(euler, source, CURRENT_INDEX)
+    start = start_of(euler, CURRENT_INDEX)
     fit = fit_outputs(source[at], samples.array, covariance, start[at], CURRENT_INDEX)
     is_kept = fit.solution.is_found & is_certain(fit.solution.unknowns, fit.solution.covariance)
     if not is_kept.any():

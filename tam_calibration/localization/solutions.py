@@ -117,7 +117,7 @@ class EulerSolutions:
 
     @classmethod
     def of_fits(cls, status: np.ndarray, solution: Solution, is_dipole: bool) -> "EulerSolutions":
-        """Return those of N samples, of which M were located by fits to their outputs.
+        """Return those of N samples, of which M were located.
 
         Parameters
         ----------

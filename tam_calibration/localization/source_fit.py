@@ -29,7 +29,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import across_of
 from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX, locate
 from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
-from tam_calibration.model.array import Array, tensors_of
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.dipole import dipole_field, field_by_moment
@@ -115,13 +115,6 @@ class OutputFit:
 def unknowns_of(index: float) -> int:
     """Return how many numbers a source of a structural index has."""
     return 5 if index == CURRENT_INDEX else 6
-
-
-def directions_of(outputs: FloatArray) -> FloatArray:
-    """Return the unit vectors (N, 3) along which the tensors of outputs (N, 8) or (N, 9) change the field least."""
-    values, vectors = np.linalg.eigh(tensors_of(outputs))
-    least = np.abs(values).argmin(axis=1)
-    return np.take_along_axis(vectors, least[:, None, None], axis=2)[..., 0]
 
 
 def fit_lines(
@@ -409,10 +402,9 @@ def whitening_of(noise: FloatArray) -> FloatArray:
     return np.asarray(np.swapaxes(vectors, -1, -2) / np.sqrt(values)[..., None] / scale[..., None, :])
 
 
-def start_of(euler: EulerSolutions, outputs: FloatArray, index: float) -> FloatArray:
+def start_of(euler: EulerSolutions, index: float) -> FloatArray:
     """Return where fits begin (N, 6): Euler's places, and the moments of dipoles or vectors along lines."""
-    vectors = euler.moment_Am2 if index == DIPOLE_INDEX else directions_of(outputs)
-    return np.concatenate([euler.position_m, vectors], axis=1)
+    return np.concatenate([euler.position_m, euler.moment_Am2 if index == DIPOLE_INDEX else euler.along], axis=1)
 
 
 _MOST_UNCERTAIN = 0.2
@@ -498,7 +490,7 @@ def _fitted(array: Array, index: float, outputs: FloatArray, covariance: FloatAr
         return euler
     operator = array.operator[:8]
     noise = operator @ operator.T if covariance is None else np.asarray(covariance, dtype=float)[..., :8, :8]
-    start = start_of(euler, outputs, index)[at]
+    start = start_of(euler, index)[at]
     solution = fit_outputs(outputs[at, :8], array, noise if noise.ndim == 2 else noise[at], start, index).solution
     is_sure = solution.is_found
     if covariance is not None:

@@ -359,7 +359,7 @@ class Beside:
         """Return the sources, and their fields (N, 3), that are found after a shift (N, 3) of the field."""
         seen = self.outputs[:, :8].copy()
         seen[:, :3] -= self.field_T + shifted
-        start = np.nan_to_num(start_of(locate(seen, index=self.index), seen, self.index), nan=1.0)
+        start = np.nan_to_num(start_of(locate(seen, index=self.index), self.index), nan=1.0)
         turned_T, source_T = self.field_T, np.zeros_like(self.field_T)
         for _ in range(_ROUNDS if self.attitude_noise else 1):
             seen, noise = self.less(turned_T)
