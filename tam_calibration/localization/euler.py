@@ -65,23 +65,26 @@ def _locate(outputs: FloatArray, noise: FloatArray, index: float, constrained: b
     is_finite = np.asarray(np.isfinite(outputs).all(axis=1) & np.isfinite(noise).all(axis=(1, 2)))
     outputs, noise = np.where(is_finite[:, None], outputs, 0.0), np.where(is_finite[:, None, None], noise, 0.0)
     system = _System.of(outputs, noise, constrained)
-    status = np.full(len(outputs), Status.LOCATED, dtype=int)
-    _mark(status, Status.NO_FIELD, _is_hidden(outputs[:, :3], noise[:, :3, :3], _FIELD_CHI_SQUARE))
-    _mark(status, Status.NO_GRADIENT, _is_hidden(outputs[:, 3:], noise[:, 3:, 3:], _TENSOR_CHI_SQUARE))
-    if not constrained:
-        least = _DEVIATIONS * system.deviations[:, 2] + ROUNDING * np.abs(system.values[:, 0])
-        _mark(status, Status.ILL_CONDITIONED, np.abs(system.values[:, 2]) <= least)
+    least = _DEVIATIONS * system.deviations[:, 2] + ROUNDING * np.abs(system.values[:, 0])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         r, by_output = system.solve(index)
         moment, slopes = with_slopes(_moment, np.concatenate([r, outputs[:, :3]], axis=1))
         by_output = np.concatenate([by_output, slopes[..., :3] @ by_output], axis=1)
         by_output[:, 3:, :3] += slopes[..., 3:]
         covariance = by_output @ noise @ np.swapaxes(by_output, 1, 2)
-        if constrained:
-            covariance[:, :3, :3] = _add_ambiguity(system, r, covariance[:, :3, :3], status, index)
-        spread = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
-        _mark(status, Status.UNCERTAIN, ~(spread <= np.sum(r**2, axis=1)))
-    status[~is_finite] = Status.NOT_FINITE
+        change = system.change_by_other(index) if constrained else np.zeros_like(r)
+        variance, square = np.trace(covariance[:, :3, :3], axis1=1, axis2=2), np.sum(r**2, axis=1)
+        change_square = np.sum(change**2, axis=1)
+        covariance[:, :3, :3] += change[:, :, None] * change[:, None, :]
+        reasons = {
+            Status.NOT_FINITE: ~is_finite,
+            Status.NO_FIELD: _is_hidden(outputs[:, :3], noise[:, :3, :3], _FIELD_CHI_SQUARE),
+            Status.NO_GRADIENT: _is_hidden(outputs[:, 3:], noise[:, 3:, 3:], _TENSOR_CHI_SQUARE),
+            Status.ILL_CONDITIONED: (np.abs(system.values[:, 2]) <= least) & (not constrained),
+            Status.AMBIGUOUS: change_square > _DEVIATIONS**2 * variance + 1e-6 * square,
+            Status.UNCERTAIN: ~(variance + change_square <= square),
+        }
+    status = np.select(list(reasons.values()), list(reasons), Status.LOCATED)
     is_dipole, is_located = index == DIPOLE_INDEX, status == Status.LOCATED
     unknowns = np.concatenate([-r, moment if is_dipole else system.vectors[..., 2]], axis=1)
     every = Solution(unknowns, covariance, np.full(len(r), np.nan), is_located)
@@ -129,6 +132,12 @@ class _System:
         gap = np.abs(self.values[:, 1] - self.values[:, 2])
         return gap <= _DEVIATIONS * self.gap_deviation + ROUNDING * np.abs(self.values[:, 0])
 
+    def change_by_other(self, index: float) -> FloatArray:
+        """Return how r (N, 3) would change with the other of two equal eigenvectors left out; zero without such."""
+        other = np.where([False, True, True], 1 / self.values, 0.0) * self.field * np.array([0, -1, 1])
+        change = -index * np.einsum("nik,nk->ni", self.vectors, other)
+        return np.where(self.is_gap_hidden[:, None], change, 0.0)
+
     def solve(self, index: float) -> tuple[FloatArray, FloatArray]:
         """Return r (N, 3) and its derivatives (N, 3, 8) by the outputs.
 
@@ -174,22 +183,3 @@ def _is_hidden(values: FloatArray, noise: FloatArray, chi_square: float) -> np.n
     # In the metric of the noise |v|² ≤ χ² is v vᵀ ≤ χ² Σ; noise that is zero needs no inverse.
     largest = np.linalg.eigvalsh(chi_square * noise - values[:, :, None] * values[:, None, :])[:, 0]
     return np.asarray((size == 0) | (largest >= 0) & (np.trace(noise, axis1=1, axis2=2) > 0))
-
-
-def _add_ambiguity(
-    system: _System, r: FloatArray, covariance: FloatArray, status: np.ndarray, index: float
-) -> FloatArray:
-    """Add to the covariance what leaving out the other eigenvector would change, and mark where that is too much."""
-    other = np.where([False, True, True], 1 / system.values, 0.0) * system.field * np.array([0, -1, 1])
-    change = -index * np.einsum("nik,nk->ni", system.vectors, other)
-    change[~system.is_gap_hidden] = 0
-    size = np.sum(change**2, axis=1)
-    least = _DEVIATIONS**2 * np.trace(covariance, axis1=1, axis2=2) + 1e-6 * np.sum(r**2, axis=1)
-    _mark(status, Status.AMBIGUOUS, size > least)
-    squared: FloatArray = change[:, :, None] * change[:, None, :]
-    return covariance + squared
-
-
-def _mark(status: np.ndarray, value: Status, where: np.ndarray) -> None:
-    """Note a reason where none has been found before."""
-    status[where & (status == Status.LOCATED)] = value
