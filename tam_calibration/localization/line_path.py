@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.linalg import inv
+from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.core.noise import fast_noise
@@ -134,11 +135,8 @@ class Path:
         slow = (self.drift_m**2 + PLACE_ERROR_M**2) * drift + self.velocity_error_m_per_s**2 * np.outer(since, since)
         roots = []
         for bands in self.precision:
-            own = np.diag(bands[3, wide])
-            for away in range(1, 4):
-                diagonal = bands[3 - away, wide[away:]]
-                own += np.diag(diagonal, away) + np.diag(diagonal, -away)
-            values, vectors = np.linalg.eigh(np.linalg.inv(own)[np.ix_(used, used)] + slow)
+            own = solveh_banded(bands[:, wide], np.eye(len(wide)))
+            values, vectors = np.linalg.eigh(own[np.ix_(used, used)] + slow)
             seen = values * step > _LEAST_SEEN_M**2 * _STEP_S
             roots.append(vectors[:, seen] * np.sqrt(values[seen]))
         return slice(int(wide[used[0]]), int(wide[used[-1]]) + 1), roots
@@ -188,8 +186,6 @@ def _smoothed(
     The precision is in bands (4, C). The velocity changes as a random walk of the size at which the places are
     likeliest.
     """
-    from scipy.linalg import cho_solve_banded, cholesky_banded
-
     rows = basis.rows(times)
     own, rough = _bands(rows.T @ rows), _roughness(basis.count)
     best, least = None, np.inf

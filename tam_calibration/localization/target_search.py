@@ -292,8 +292,6 @@ class _Line:
 
     def _way(self, sources: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the way (S,) along the line at which each dipole is passed, and its distance."""
-        if not len(sources):
-            return np.zeros(0), np.zeros(0)
         distance = norm(self._places[:, None] - sources[:, :3], axis=2)
         return self._data.along_m[np.argmin(distance, axis=0)], distance.min(axis=0)
 
