@@ -29,6 +29,7 @@ from tam_calibration.localization.source_fit import PLACE_ERROR_M
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording
+from tam_calibration.model.sensor_errors import crossing
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
 _STEP_S, _FINER_STEPS_S = 0.8, (0.4, 0.2)
@@ -371,7 +372,7 @@ class _Gyroscope:
         since = _products(Rotation.from_rotvec(np.vstack([np.zeros(3), turns])))
         by_bias = -np.einsum("ij,mn->nimj", matrix, path.courses * path.duration_s).reshape(len(turns), 3, -1)
         by_delay = (path.by_delay @ matrix.T)[:, :, None]
-        by_mount = np.cross(np.eye(3), turns[:, None]).swapaxes(1, 2)
+        by_mount = -crossing(turns)
         by_shape = state.mount[:, ROWS] * angle[:, None, COLUMNS]
         mirrored = state.mount[:, COLUMNS] * angle[:, None, ROWS]
         by_shape += np.where(ROWS == COLUMNS, 0.0, mirrored)

@@ -20,7 +20,7 @@ from tam_calibration.fit.recorded_attitude import turns_between
 from tam_calibration.localization.line_data import SMOOTH_M, LineData
 from tam_calibration.localization.line_path import Basis, Path
 from tam_calibration.model.array import UNIT_TENSORS
-from tam_calibration.model.sensor_errors import CROSS
+from tam_calibration.model.sensor_errors import crossing
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.sources.dipole import dipole_field, field_alone, field_by_moment
 
@@ -187,23 +187,23 @@ class Window:
         slope = tensor[:, None] + grad.sum(axis=2)
         own = np.concatenate([-grad[:, :, : len(sources)], by_moment[:, :, : len(sources)]], axis=4)
         columns = np.moveaxis(own, 2, 3).reshape(*made.shape[:2], 3, sources.size)
-        by_turn = np.broadcast_to(_crossing(uniform)[:, None], slope.shape)
+        by_turn = np.broadcast_to(crossing(uniform)[:, None], slope.shape)
         by_regional = np.broadcast_to(turned.inv().as_matrix()[:, None], slope.shape)
         by_tensor = np.einsum("qij,nkj->nkiq", UNIT_TENSORS, arms + aside[:, None])
         by_errors = data.errors_T.reshape(*made.shape[:2], 3, -1)
         local = np.concatenate([columns, by_errors, slope, by_turn, by_regional, by_tensor], axis=3)
         # A change of the expected mean turns the readings and the arms after it.
-        turning = _crossing(readings) - slope @ _crossing(arms)
+        turning = crossing(readings) - slope @ crossing(arms)
         along = expected / norm(expected, axis=1, keepdims=True)
         meant = turned.inv().apply(measured / norm(measured, axis=1, keepdims=True))
         twist = np.cross(meant, along) / (1 + np.sum(meant * along, axis=1, keepdims=True))
-        by_mean = (_crossing(along) - along[:, :, None] * twist[:, None]) / norm(expected, axis=1)[:, None, None]
+        by_mean = (crossing(along) - along[:, :, None] * twist[:, None]) / norm(expected, axis=1)[:, None, None]
         turns = by_mean @ self._mean(local)
         first = sources.size + len(errors)
         by_theta = slice(first + 3, first + 6)
         turns[..., by_theta] -= along[:, :, None] * (along + np.cross(along, twist))[:, None]
         local += turning @ turns[:, None]
-        local[..., by_theta] = local[..., by_theta] @ (np.eye(3) - _crossing(theta) / 2)[:, None]
+        local[..., by_theta] = local[..., by_theta] @ (np.eye(3) - crossing(theta) / 2)[:, None]
         rows = self._whitened(np.concatenate([residual, local], axis=3), readings)
         return rows[..., 0], self._expanded(rows[..., 1:], first)
 
@@ -247,8 +247,3 @@ class Window:
 def _applied(rotation: Rotation, vectors: FloatArray) -> FloatArray:
     """Return vectors (M, K, 3) turned by the rotations (M,) of their moments."""
     return np.asarray(np.einsum("nij,nkj->nki", rotation.as_matrix(), vectors))
-
-
-def _crossing(vectors: FloatArray) -> FloatArray:
-    """Return the matrices (…, 3, 3) of the cross product with vectors (…, 3) from the left."""
-    return np.tensordot(vectors, CROSS, 1)

@@ -247,6 +247,11 @@ CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 """(3, 3, 3) matrices of the cross products with the unit vectors: ``CROSS[0] @ v`` is x × v."""
 
 
+def crossing(vectors: FloatArray) -> FloatArray:
+    """Return the matrices (…, 3, 3) of the cross product with vectors (…, 3) from the left."""
+    return np.tensordot(vectors, CROSS, 1)
+
+
 def orientation_to_axes(orientation: FloatArray) -> list[str]:
     """Return which axis of the array each axis of a sensor points along: for none ``x``, ``y``, ``z``.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.linalg import norm
 
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.sensor_errors import crossing
 from tam_calibration.model.units import FloatArray
 
 VACUUM_PERMEABILITY = 1.25663706127e-6
@@ -238,7 +239,7 @@ def loop_field(
         + along_z * (mixed + np.swapaxes(mixed, -1, -2))
     )
     # A turn ω of the loop turns its field and moves the point in its frame: dB = ω × B - G (ω × offset).
-    turned = (gradient @ _cross(offset_m) - _cross(field)) @ _cross(moment) / strength**2
+    turned = (gradient @ crossing(offset_m) - crossing(field)) @ crossing(moment) / strength**2
     return field, gradient, field[..., :, None] * axis[..., None, :] / strength + turned
 
 
@@ -257,9 +258,3 @@ def _ring_integrals(rho: FloatArray, z: FloatArray, radius: float) -> tuple[Floa
     l2 = 2 / (3 * far**2.5 * rest) * (2 * (2 - m) * e / rest - k) - difference
     l1 = (j1 + 2 * radius * rho * l2) / (radius**2 + rho**2 + z**2)
     return j0, j1, l1, l2, difference
-
-
-def _cross(vector: FloatArray) -> FloatArray:
-    """Return the matrices (…, 3, 3) of the cross product with vectors (…, 3) from the left."""
-    matrix: FloatArray = np.cross(np.asarray(vector)[..., None, :], np.eye(3), axis=-1)
-    return np.swapaxes(matrix, -1, -2)
