@@ -198,10 +198,8 @@ def in_pieces(locate: Locate, outputs: FloatArray, covariance: FloatArray | None
     covariance : (9, 9) or (8, 8) or (N, …) array, optional
         Of the outputs, for all samples or each.
     """
-    if len(outputs) <= BLOCK:
-        return locate(outputs, covariance)
     parts = []
-    for start in range(0, len(outputs), BLOCK):
+    for start in range(0, max(len(outputs), 1), BLOCK):
         part = slice(start, start + BLOCK)
         own = covariance if covariance is None or np.ndim(covariance) == 2 else covariance[part]
         parts.append(locate(outputs[part], own))

@@ -477,8 +477,7 @@ def locate_with_baselines(
     InputError
         When a shape or the structural index is wrong, or the array has no gradient.
     """
-    if not array.has_gradient:
-        raise InputError("the array's geometry determines no gradient: locate with the direct fit to its readings")
+    require_gradient(array)
     require_index(index)
     return in_pieces(partial(_fitted, array, index), np.asarray(outputs, dtype=float), covariance)
 
