@@ -29,8 +29,8 @@ _SHARES = {
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
     *("winch_drum", "scanning_multiplexer", "passing_boat"),
-    *("coiled_cable", "thrusters"),
     *("warm_magnets", "hanging_tether"),
+    *("railway_feeder", "wetted_metals"),
 )
 """What disturbs all sensors leaves none to another cause."""
 

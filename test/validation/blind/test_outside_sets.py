@@ -1,4 +1,4 @@
-"""The seventh, the eighth and the ninth set of causes outside the library."""
+"""The seventh, the ninth and the tenth set of causes outside the library."""
 
 from dataclasses import replace
 
@@ -10,9 +10,9 @@ from tam_validation.blind import SETS
 from tam_validation.blind.case_plan import plan_cases
 from tam_validation.blind.catalogue import CATALOGUE, CAUSES, LAWS, OUTSIDE_SETS
 from tam_validation.blind.continuous_motion import ContinuousMotion
-from tam_validation.blind.outside_eighth import EIGHTH
 from tam_validation.blind.outside_ninth import NINTH
 from tam_validation.blind.outside_seventh import SEVENTH
+from tam_validation.blind.outside_tenth import TENTH
 
 COURSES = {"constant", "step", "episodes", "slow", "tone", "channel", "motion", "random"}
 KINDS_OF_LAW = {"offset", "gain", "rate", "own_field", "attitude", "noise", "samples"}
@@ -24,7 +24,7 @@ def test_the_sets_share_no_name():
     assert tuple(OUTSIDE_SETS) == SETS and len(names) == len(set(names)) == len(CAUSES)
 
 
-@pytest.mark.parametrize("name", [*SEVENTH, *EIGHTH, *NINTH])
+@pytest.mark.parametrize("name", [*SEVENTH, *NINTH, *TENTH])
 def test_every_cause_has_a_law_and_a_course(name):
     """Of those that there are."""
     right = LAWS[name]
@@ -32,7 +32,7 @@ def test_every_cause_has_a_law_and_a_course(name):
     assert set(right["law"]) <= KINDS_OF_LAW and set(right["course"]) <= COURSES
 
 
-@pytest.mark.parametrize("causes", [SEVENTH, EIGHTH, NINTH])
+@pytest.mark.parametrize("causes", [SEVENTH, NINTH, TENTH])
 def test_every_law_is_in_a_set(causes):
     """Each is the usual one of some cause, and most courses are."""
     assert {LAWS[name]["law"][0] for name in causes} == KINDS_OF_LAW
@@ -46,7 +46,7 @@ def test_a_plan_draws_from_one_set(name):
     mixed = plan_cases(("mixed",), 120, 3, name)
     assert single == set(OUTSIDE_SETS[name]) and len(mixed) == 120
     beside = {plan.effects[1] for plan in mixed}
-    everywhere = {"coiled_cable", "thrusters", "warm_magnets", "hanging_tether"}
+    everywhere = {"warm_magnets", "hanging_tether", "railway_feeder", "wetted_metals"}
     assert beside == single - everywhere - {"winch_drum", "scanning_multiplexer", "passing_boat"}
 
 
@@ -178,154 +178,6 @@ def test_a_flipped_bit_is_a_power_of_two(change_of):
     np.testing.assert_allclose(bits, np.round(bits), atol=1e-9)
     words = np.floor(scene.readings_T[:, cause.sensors[0] - 1][struck] / np.abs(change[struck])) % 2
     assert set(words) == {0, 1} and ((words == 1) == (change[struck] < 0)).all()
-
-
-def test_a_hot_processor_is_late_by_steps(draw):
-    """All sensors that it serves by the same whole numbers of steps, and by more when it is hotter."""
-    scene = draw(1, motions=("diver",))
-    cause = EIGHTH["throttled_processor"].draw(np.random.default_rng(1), scene)
-    vectors, _ = cause.change(1e-5, ())
-    served = [sensor - 1 for sensor in cause.sensors]
-    rate = (scene.readings_T - scene.readings_at(scene.time_s - 1e-5))[:, served]
-    steps = -(vectors[:, served] * rate).sum(axis=2) / (rate**2).sum(axis=2)
-    np.testing.assert_allclose(steps, np.repeat(np.round(steps[:, :1]), len(served), axis=1), atol=0.02)
-    air_C, slow = scene.temperature(scene.time_s), steps[:, 0] > 0.5
-    assert 0.05 < slow.mean() < 0.8 and air_C[slow].mean() > air_C[~slow].mean()
-    assert not np.delete(vectors, served, axis=1).any()
-
-
-def test_a_choke_is_magnetised_less_under_load(change_of):
-    """The same part of the field at the same current, and most of it without one."""
-    scene, cause, change = change_of("biased_choke", 1)
-    field, load_A = scene.field_T @ scene.response[cause.sensors[0] - 1].T, scene.current(scene.time_s)
-    tensors = []
-    for part in (load_A < np.quantile(load_A, 0.3), load_A > np.quantile(load_A, 0.7)):
-        tensor = np.linalg.lstsq(field[part], change[part], rcond=None)[0]
-        assert np.abs(change[part] - field[part] @ tensor).std() < 0.3 * change[part].std()
-        tensors.append(np.linalg.norm(tensor))
-    assert tensors[0] > 1.2 * tensors[1]
-
-
-def _halves(scene):
-    late = scene.time_s > scene.duration_s / 2
-    return ~late, late
-
-
-def test_a_coil_on_the_ground_does_not_turn_along(draw):
-    """At one attitude its field goes with the current; at another the same current makes another field."""
-    scene = draw(1)
-
-    def turned_once(time_s):
-        return np.outer(time_s > scene.duration_s / 2, [1.0, 0.5, 0.2])
-
-    turning = replace(scene, motion=ContinuousMotion("turntable", turned_once))
-    vectors, scalar = EIGHTH["coiled_cable"].draw(np.random.default_rng(1), turning).change(1.0, ())
-    load_A = scene.current(scene.time_s) - scene.current(scene.time_s).min()
-    loaded = load_A > load_A.max() / 2
-    made = [vectors[loaded & part] / load_A[loaded & part, None, None] for part in _halves(scene)]
-    assert all(np.ptp(one, axis=0).max() < 1e-6 * np.abs(one).max() for one in made) and scalar.any()
-    assert np.abs(made[0][0] - made[1][0]).max() > 0.1 * np.abs(made[0][0]).max()
-
-
-def test_thrusters_push_by_the_square_of_the_rate(draw):
-    """Twice the rate takes four times the current, the other way around the other sign."""
-    scene, slow = draw(1), []
-    for rate in (0.1, -0.1):
-
-        def faster_halfway(time_s, rate=rate):
-            return np.outer(rate * (time_s + np.maximum(time_s - scene.duration_s / 2, 0)), [1, 0, 0])
-
-        turning = replace(scene, motion=ContinuousMotion("tumbling", faster_halfway))
-        vectors, _ = EIGHTH["thrusters"].draw(np.random.default_rng(1), turning).change(1.0, ())
-        early, late = (vectors[part][5:-5].mean(axis=0) for part in _halves(scene))
-        np.testing.assert_allclose(late, 4 * early, rtol=1e-3)
-        slow.append(early)
-    np.testing.assert_allclose(slow[0], -slow[1], rtol=1e-3)
-
-
-def test_a_scalar_takes_the_stronger_of_two_cells(draw):
-    """It reads one light shift or the other, and changes between them as it is turned."""
-    scene = draw(1)
-    vectors, scalar = EIGHTH["paired_cells"].draw(np.random.default_rng(1), scene).change(1.0, ())
-    np.testing.assert_allclose(np.abs(scalar), 0.5e-9)
-    assert 0.1 < (scalar > 0).mean() < 0.9 and 0 < np.mean(np.diff(scalar) != 0) < 0.5 and not vectors.any()
-
-
-def test_unequal_signals_err_twice_a_fringe(change_of):
-    """The error depends on the reading alone, goes up and down with it several times, and about zero."""
-    scene, cause, change = change_of("unequal_quadrature", 2)
-    axis = "xyz".index(cause.axes[0])
-    error = change[:, axis][np.argsort(scene.readings_T[:, cause.sensors[0] - 1, axis])]
-    assert 4 < np.count_nonzero(np.diff(np.sign(error))) < 40
-    assert np.abs(np.diff(error)).mean() < 0.3 * np.ptp(error)
-
-
-def test_a_detector_is_late_one_way_only(draw):
-    """It reads what was there before where that was more, else what is there; or the other way around."""
-    scene = draw(2)
-    cause = EIGHTH["peak_detector"].draw(np.random.default_rng(2), scene)
-    vectors, _ = cause.change(1e-4, ())
-    sensor = cause.sensors[0] - 1
-    before = scene.readings_at(scene.time_s - 1e-4)[:, sensor] - scene.readings_T[:, sensor]
-    struck = vectors[:, sensor] != 0
-    np.testing.assert_allclose(vectors[:, sensor][struck], before[struck], atol=1e-18)
-    for axis in np.flatnonzero(struck.any(axis=0)):
-        assert len(set(np.sign(before[struck[:, axis], axis]))) == 1 and 0.2 < struck[:, axis].mean() < 0.8
-
-
-def test_a_restart_takes_a_matrix_and_offsets_away(change_of):
-    """One matrix and one offset while they are gone, nothing before."""
-    for seed in range(4):
-        scene, cause, change = change_of("lost_settings", seed)
-        gone = change.any(axis=1)
-        design = np.column_stack([scene.core(cause.sensors[0] - 1), np.ones(scene.sample_count)])[gone]
-        left = change[gone] - design @ np.linalg.lstsq(design, change[gone], rcond=None)[0]
-        assert np.abs(left).max() < 1e-9 * np.abs(change).max() and not gone[: int(0.2 * len(gone))].any()
-        assert np.count_nonzero(np.diff(gone)) in {1, 2}
-
-
-def test_a_regulator_grows_louder(draw):
-    """All sensors that it feeds hear the same noise, each along a direction of its own."""
-    scene = draw(1, samples=2000)
-    cause = EIGHTH["tired_regulator"].draw(np.random.default_rng(1), scene)
-    vectors, _ = cause.change(1.0, ())
-    heard = vectors[:, [sensor - 1 for sensor in cause.sensors]].reshape(scene.sample_count, -1)
-    parts = [part.std() for part in np.array_split(heard, 3)]
-    assert parts[0] < parts[1] < parts[2] and parts[2] > 2 * parts[0]
-    assert np.linalg.matrix_rank(heard, 1e-6 * np.linalg.norm(heard)) == 1
-    assert not np.delete(vectors, [sensor - 1 for sensor in cause.sensors], axis=1).any()
-
-
-def test_blades_make_one_tone(draw):
-    """While the array rests there is one tone, at twice the rate of the blades."""
-    scene = draw(1, samples=1000)
-    still = replace(scene, motion=ContinuousMotion("turntable", lambda time_s: np.zeros((len(time_s), 3)) + 0.3))
-    cause = EIGHTH["iron_propeller"].draw(np.random.default_rng(1), still)
-    vectors, _ = cause.change(1.0, ())
-    change = vectors[:, cause.sensors[0] - 1]
-    power = (np.abs(np.fft.rfft(change - change.mean(axis=0), axis=0)) ** 2).sum(axis=1)
-    peak = power.argmax()
-    assert power[peak - 5 : peak + 6].sum() > 0.95 * power.sum() and 0.05 < peak / 1000 < 0.42
-
-
-def test_a_radio_pushes_while_it_is_keyed(draw):
-    """The same sensors each time, by something else in each call, and by nothing between the calls."""
-    scene = draw(1)
-    cause = EIGHTH["keyed_radio"].draw(np.random.default_rng(1), scene)
-    vectors, scalar = cause.change(1.0, ())
-    reached = vectors[:, [sensor - 1 for sensor in cause.sensors]]
-    keyed = reached.any(axis=2)
-    assert (keyed == keyed[:, :1]).all() and 0.1 < keyed.mean() < 0.9 and not scalar.any()
-    assert 4 <= len(np.unique(reached[keyed[:, 0]].reshape(keyed[:, 0].sum(), -1), axis=0)) <= cause.parameters["calls"]
-
-
-def test_what_has_not_settled_lies_between_two_axes(change_of):
-    """A few readings hold a part of the axis before, none of them more than all of it."""
-    scene, cause, change = change_of("early_interrupt", 1, samples=2000)
-    reading = scene.readings_T[:, cause.sensors[0] - 1]
-    part = to_nanotesla(change) * scene.intensity_T.mean() / (reading[:, [2, 0, 1]] - reading)
-    struck = part > 1e-9
-    assert 0 < struck.any(axis=1).mean() < 0.1 and part[struck].min() > 0.29 and part.max() < 1.01
 
 
 def test_a_shackle_swings_after_each_knock(change_of):
@@ -472,3 +324,158 @@ def test_brushes_spark_under_load(draw):
     assert heard[heavy].std() > 1.5 * heard[light].std() and not scalar.any()
     assert np.abs(np.corrcoef(heard.T) - np.eye(heard.shape[1])).max() < 0.2
     assert not np.delete(vectors, reached, axis=1).any()
+
+
+def test_a_feeder_swings_at_rest_in_the_world(draw):
+    """At one attitude all sensors have one tone; at another it is along another line."""
+    scene, lines = draw(1, samples=1000), []
+    for yaw in (0.0, 2.5):
+        still = replace(
+            scene, motion=ContinuousMotion("turntable", lambda time_s, yaw=yaw: np.full((len(time_s), 3), yaw))
+        )
+        vectors, scalar = TENTH["railway_feeder"].draw(np.random.default_rng(1), still).change(1e-3, ())
+        values, sizes, rows = np.linalg.svd(vectors.reshape(scene.sample_count, -1), full_matrices=False)
+        assert sizes[1] < 1e-6 * sizes[0] and scalar.any()
+        power = np.abs(np.fft.rfft(values[:, 0])) ** 2
+        peak = power.argmax()
+        assert power[peak - 20 : peak + 21].sum() > 0.9 * power.sum() and 0.12 < peak / scene.sample_count < 0.4
+        lines.append(rows[0])
+    assert abs(lines[0] @ lines[1]) < 0.9
+
+
+def test_a_shunt_is_magnetised_less_in_the_heat(change_of):
+    """By the same part of the field at the same warmth, and the less the warmer."""
+    scene, cause, change = change_of("thermal_shunt", 1)
+    field, air_C = scene.field_T @ scene.response[cause.sensors[0] - 1].T, scene.temperature(scene.time_s)
+    tensors = []
+    for part in (air_C < np.quantile(air_C, 0.2), air_C > np.quantile(air_C, 0.8)):
+        tensor = np.linalg.lstsq(field[part], change[part], rcond=None)[0]
+        tensors.append(np.linalg.norm(tensor))
+    assert tensors[0] > 1.3 * tensors[1]
+
+
+def test_an_oscillator_sticks_to_harmonics(draw):
+    """Near one every reading is the same; farther away the readings are pulled there, the less the farther."""
+    scene = draw(2, samples=2000)
+    cause = TENTH["pulled_oscillator"].draw(np.random.default_rng(2), scene)
+    sensor, axis = cause.sensors[0] - 1, "xyz".index(cause.axes[0])
+    reading = scene.readings_T[:, sensor, axis]
+    half = np.ptp(reading) / 50
+    change = cause.change(half, ())[0][:, sensor, axis]
+    read = (reading + change)[np.argsort(reading)]
+    assert 0.05 < np.mean(np.abs(np.diff(read)) < 1e-9 * half) < 0.6
+    assert np.abs(change).max() <= half * (1 + 1e-9) and 0 < np.median(np.abs(change)) < 0.4 * half
+
+
+def test_seconds_are_lost_in_dives(draw):
+    """The scalar alone is off, by the same part of the field in each dive."""
+    scene = draw(1)
+    cause = TENTH["lost_reference"].draw(np.random.default_rng(1), scene)
+    vectors, scalar = cause.change(1.0, ())
+    below, part = scalar != 0, scalar / scene.intensity_T
+    assert not vectors.any() and 0.05 < below.mean() < 0.95
+    np.testing.assert_allclose(part[below], part[below][0])
+    assert 1 < np.count_nonzero(np.diff(below)) <= 2 * cause.parameters["dives"]
+
+
+def test_screens_that_touch_hold_back_the_turning(change_of):
+    """While they do, one component of the field's rate goes along one line; nothing else happens."""
+    scene, _, change = change_of("touching_screens", 1, motions=("diver",))
+    closed = change.any(axis=1)
+    assert 0.05 < closed.mean() < 0.95 and np.linalg.matrix_rank(change, 1e-6 * np.linalg.norm(change)) == 1
+    rate = (scene.field_at(scene.time_s + 1e-4) - scene.field_at(scene.time_s - 1e-4))[closed]
+    left = change[closed] - rate @ np.linalg.lstsq(rate, change[closed], rcond=None)[0]
+    assert np.abs(left).max() < 0.01 * np.abs(change).max()
+
+
+def test_a_radio_is_late_where_it_is_turned_away(draw):
+    """By a power of two less one, all that it sends alike, and the same again when it is turned back."""
+    scene = draw(1)
+
+    def there_and_back(time_s):
+        yaw = 2 * np.pi * (1 - np.abs(1 - 2 * time_s / scene.duration_s))
+        return np.stack([yaw, 0 * yaw + 0.3, 0 * yaw + 0.2], axis=1)
+
+    turning = replace(scene, motion=ContinuousMotion("tumbling", there_and_back))
+    cause = TENTH["adaptive_radio"].draw(np.random.default_rng(1), turning)
+    vectors, _ = cause.change(1e-5, ())
+    sent = [sensor - 1 for sensor in cause.sensors]
+    rate = (turning.readings_T - turning.readings_at(scene.time_s - 1e-5))[:, sent]
+    late = -(vectors[:, sent] * rate).sum(axis=2) / (rate**2).sum(axis=2)
+    inside = slice(5, -5)
+    halvings = np.log2(late[inside] + 1)
+    np.testing.assert_allclose(halvings, np.repeat(np.round(halvings[:, :1]), len(sent), axis=1), atol=0.05)
+    assert np.mean(np.round(halvings) != np.round(halvings[::-1])) < 0.05 and np.ptp(np.round(halvings)) >= 1
+    assert not np.delete(vectors, sent, axis=1).any()
+
+
+def test_a_fluid_sinks_late(draw):
+    """A level turn moves nothing, so that one matrix of the field is all; a tilt moves it, and not at once."""
+    scene = draw(1)
+
+    def tilted_halfway(time_s):
+        return np.outer(np.where(time_s > scene.duration_s / 2, 1.2, 0.0), [0, 1, 0]) + np.outer(time_s, [0.5, 0, 0])
+
+    turning = replace(scene, motion=ContinuousMotion("tumbling", tilted_halfway))
+    cause = TENTH["ferrofluid_seal"].draw(np.random.default_rng(1), turning)
+    change = cause.change(1.0, ())[0][:, cause.sensors[0] - 1]
+    left = []
+    for part in np.array_split(np.arange(scene.sample_count), 4):
+        tensor = np.linalg.lstsq(turning.field_T[part], change[part], rcond=None)[0]
+        left.append(np.abs(change[part] - turning.field_T[part] @ tensor).max() / np.abs(change).max())
+    assert left[0] < 1e-6 and left[2] > 1e-3 and left[3] < 0.1 * left[2]
+
+
+def test_a_radar_is_heard_once_a_turn(draw):
+    """The same sensors are noisy at the same times, which are equally far apart."""
+    scene = draw(1, samples=2000)
+    cause = TENTH["sweeping_radar"].draw(np.random.default_rng(1), scene)
+    vectors, scalar = cause.change(1.0, ())
+    reached = [sensor - 1 for sensor in cause.sensors]
+    power = (vectors[:, reached] ** 2).sum(axis=(1, 2))
+    turns = scene.time_s / cause.parameters["turn_s"]
+    by_phase = [power[np.floor(8 * turns) % 8 == phase].mean() for phase in range(8)]
+    assert max(by_phase) > 20 * min(by_phase) and not scalar.any()
+    assert not np.delete(vectors, reached, axis=1).any()
+
+
+def test_lightning_strikes_a_few_readings(draw):
+    """Of the scalar, and of nothing else."""
+    scene = draw(1, samples=2000)
+    vectors, scalar = TENTH["lightning_strokes"].draw(np.random.default_rng(1), scene).change(1.0, ())
+    assert 0.001 < (scalar != 0).mean() < 0.06 and not vectors.any()
+
+
+def test_a_pipe_keeps_what_a_surge_magnetised(change_of):
+    """Its field is along one line, follows the current, and is more after a surge than before at the same current."""
+    scene, _, change = change_of("steel_pipe", 1)
+    values, sizes, _ = np.linalg.svd(change, full_matrices=False)
+    load_A = scene.current(scene.time_s)
+    assert sizes[1] < 1e-9 * sizes[0] and abs(np.corrcoef(values[:, 0], load_A)[0, 1]) > 0.5
+    design = np.column_stack([load_A, np.ones(scene.sample_count)])
+    left = values[:, 0] - design @ np.linalg.lstsq(design, values[:, 0], rcond=None)[0]
+    assert left.std() > 0.1 * values[:, 0].std()
+
+
+def test_a_current_between_metals_only_falls(draw):
+    """All sensors have one course, slower and slower, each along a direction of its own."""
+    scene = draw(1)
+    vectors, scalar = TENTH["wetted_metals"].draw(np.random.default_rng(1), scene).change(1.0, ())
+    flat = vectors.reshape(scene.sample_count, -1)
+    assert np.linalg.matrix_rank(flat, 1e-6 * np.linalg.norm(flat)) == 1 and scalar.any()
+    falls = -np.diff(np.abs(flat[:, np.abs(flat).max(axis=0).argmax()]))
+    assert (falls > 0).all() and falls[0] > 3 * falls[-1]
+
+
+def test_a_battery_is_changed(draw):
+    """All that it feeds reads the same part more or less, which steps at a change and falls between."""
+    scene = draw(1)
+    cause = TENTH["changed_battery"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(1.0, ())
+    fed = [sensor - 1 for sensor in cause.sensors]
+    part = to_nanotesla(vectors[:, fed] / scene.readings_T[:, fed]) * scene.intensity_T.mean()
+    np.testing.assert_allclose(part, np.broadcast_to(part[:, :1, :1], part.shape), atol=1e-9)
+    steps = np.diff(part[:, 0, 0])
+    changed = np.abs(steps) > 0.3
+    assert changed.sum() == cause.parameters["changes"] and (steps[~changed] <= 1e-12).all()
+    assert not np.delete(vectors, fed, axis=1).any()
