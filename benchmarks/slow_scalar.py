@@ -70,7 +70,7 @@ def _interpolate_as_own(time_s: FloatArray, scalar: FloatArray, noise: float) ->
 
 
 TREATMENTS: dict[str, AbstractContextManager[object]] = {
-    "readings alone": patch.object(module, "is_worth_interpolating", lambda scalar: False),
+    "readings alone": patch.object(module, "is_worth_interpolating", lambda source: False),
     "interpolated": nullcontext(),
     "taken for independent": patch.object(module, "interpolate", _interpolate_as_own),
 }

@@ -452,7 +452,7 @@ def _by_block(
 def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: bool) -> Likelihood:
     """Return that of samples about the biases, in units of the intensity."""
     data = Normalized(recording, calibration.errors.bias_T, calibration.intensity_T, has_scalar)
-    return Likelihood(data.points, data.intensity, *data.noise_of(calibration.array))
+    return Likelihood(data, *data.noise_of(calibration.array))
 
 
 def student_noises(

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.linalg import inv, norm
 
 from tam_calibration.core.least_squares import Elimination, scaled
-from tam_calibration.fit.coverage import (
-    ellipsoid_rows,
-)
+from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.fit.ellipsoid import (
     COLUMNS,
     NO_ELLIPSOID,
     ROWS,
+    Normalized,
     determined,
     free_scale_gradient,
     without_scale,
@@ -29,6 +28,7 @@ from tam_calibration.fit.ellipsoid import (
 from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -116,8 +116,10 @@ def bound(field_T: FloatArray, errors: SensorErrors, array: KnownNoiseArray, has
     intensity = np.linalg.norm(field_T, axis=1)
     unit = float(intensity.mean())
     scalar_noise = array.scalar_noise_T / unit if has_scalar else 0.0
-    likelihood = Likelihood(errors.distort(field_T) / unit, intensity / unit, array.vector_noise_T / unit, scalar_noise)
-    point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
+    samples = Recording(np.arange(len(field_T), dtype=float), errors.distort(field_T), intensity)
+    data = Normalized(samples, errors.bias_T, unit, has_scalar=True)
+    likelihood = Likelihood(data, array.vector_noise_T / unit, scalar_noise)
+    point = likelihood.linearize(errors.matrix, np.zeros_like(errors.bias_T))
     return parameter_covariance(point.both.information, errors, unit, None if has_scalar else unit)
 
 

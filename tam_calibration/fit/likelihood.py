@@ -35,7 +35,6 @@ from tam_calibration.effects.surroundings import turned
 from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.reference import InterpolationNoise
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, UNIT_TENSORS
-from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 
 
@@ -257,32 +256,32 @@ class Likelihood:
 
     Parameters
     ----------
-    points : (N, K, 3) array
-        Readings.
-    intensity : (N,) array
-        Reference intensity; NaN where there is none.
+    data : Normalized
+        Readings and intensities.
     vector_noise : (K,) array
         Standard deviation of each sensor's axes.
     scalar_noise : float
         Standard deviation of the intensity's error that is each sample's own.
+    intensity : (N,) array, optional
+        Reference intensity in place of that of the data; NaN where there is none.
     interpolation_noise : InterpolationNoise, optional
         Errors of the intensity that neighbouring samples have in common.
     turning : Turning, optional
         Attitudes and positions where the field has an ambient gradient.
     """
 
-    points: FloatArray
-    intensity: FloatArray
+    data: Normalized
     vector_noise: FloatArray
     scalar_noise: float
+    intensity: FloatArray | None = None
     interpolation_noise: InterpolationNoise | None = None
     turning: Turning | None = None
 
     @property
     def channel_count(self) -> FloatArray:
         """(2, N) number of whitened channels of each sample: 3K - 3 between the sensors, and one with a reference."""
-        differential = np.full(len(self.points), 3.0 * self.points.shape[1] - 3)
-        return np.stack([differential, np.isfinite(self.intensity)])
+        has_reference = np.concatenate([np.isfinite(intensity) for _, _, intensity in self._blocks()])
+        return np.stack([np.full(len(has_reference), 3.0 * len(self.vector_noise) - 3), has_reference])
 
     def linearize(
         self,
@@ -298,7 +297,7 @@ class Likelihood:
         matrix : (K, 3, 3) array
             D Λ of each sensor.
         bias : (K, 3) array
-            Of each sensor, in the unit of the readings.
+            Of each sensor about the origin of the data, in their unit.
         weights : (2, N) array, optional
             By how much the differential channels of each sample count, and its common mode; by default as one.
         ambient_gradient : (P,) array
@@ -306,13 +305,13 @@ class Likelihood:
             by default the field is uniform.
         """
         channels = ChannelMaps.at(matrix, bias, self.vector_noise, self.turning, ambient_gradient)
-        moments = self._moments if weights is None else _second_moments(self._flat, weights[0])
+        moments = self._moments if weights is None else self._moments_of(weights[0])
         pieces = (
-            (self._flat[part].T, self.intensity[part], None if weights is None else weights[1][part])
-            for part in self._pieces()
+            (rows[:-1], intensity, None if weights is None else weights[1][part])
+            for part, rows, intensity in self._blocks()
         )
         common = common_mode_sums(channels, pieces, self.scalar_noise, self.interpolation_noise)
-        return normal_equations(channels, moments, common, len(self.points))
+        return normal_equations(channels, moments, common, self.data.source.sample_count)
 
     def energy(self, matrix: FloatArray, bias: FloatArray, ambient_gradient: FloatArray = UNIFORM) -> FloatArray:
         """Return the (2, N) sums of the squares of each sample's differential channels, and of its common mode.
@@ -322,32 +321,33 @@ class Likelihood:
         matrix : (K, 3, 3) array
             D Λ of each sensor.
         bias : (K, 3) array
-            Of each sensor, in the unit of the readings.
+            Of each sensor about the origin of the data, in their unit.
         ambient_gradient : (P,) array
             Components xx, xy, xz, yy, yz of the ambient gradient in the world, in the unit of the readings per metre;
             by default the field is uniform.
         """
         assert self.interpolation_noise is None, "what samples share is no sample's own"
         channels = ChannelMaps.at(matrix, bias, self.vector_noise, self.turning, ambient_gradient)
-        energy = np.zeros((2, len(self.points)))
-        for part in self._pieces():
-            own = energies(channels, self._flat[part].T, self.intensity[part], self.scalar_noise)
-            energy[:, part] = np.nan_to_num(own)
-        return energy
-
-    @cached_property
-    def _flat(self) -> FloatArray:
-        """(N, Z - 1) rows without their 1."""
-        flat = self.points.reshape(len(self.points), -1)
-        return flat if self.turning is None else np.column_stack([flat, self.turning.features])
+        parts = [energies(channels, rows[:-1], intensity, self.scalar_noise) for _, rows, intensity in self._blocks()]
+        return np.asarray(np.nan_to_num(np.concatenate(parts, axis=1)))
 
     @cached_property
     def _moments(self) -> FloatArray:
-        return _second_moments(self._flat, None)
+        return self.data.moments if self.turning is None else self._moments_of(np.ones(self.data.source.sample_count))
 
-    def _pieces(self) -> Iterator[slice]:
-        for start in range(0, len(self.points), BLOCK):
-            yield slice(start, start + BLOCK)
+    def _moments_of(self, weights: FloatArray) -> FloatArray:
+        """Return the (Z, Z) sum of the outer products of the rows, each times its weight (N,)."""
+        return sum((rows * weights[part] @ rows.T for part, rows, _ in self._blocks()), np.zeros(()))
+
+    def _blocks(self) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+        """Yield the place of some samples, their rows (Z, n) and their intensities (n,)."""
+        first = 0
+        for rows, intensity in self.data.blocks():
+            part = slice(first, first + len(intensity))
+            if self.turning is not None:
+                rows = np.concatenate([rows[:-1], self.turning.features[part].T, rows[-1:]])
+            yield part, rows, intensity if self.intensity is None else self.intensity[part]
+            first = part.stop
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: float) -> CommonMode:
@@ -532,47 +532,3 @@ def _differential(channels: ChannelMaps, moments: FloatArray, sample_count: int)
     own = np.einsum("apz,aqz->pq", whitened, by_gradient)
     downhill = np.einsum("apz,az->p", by_gradient, white)
     return Normal(np.block([[information, cross], [cross.T, own]]), np.append(score, downhill), energy, channel_count)
-
-
-def _second_moments(flat: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """Return the (M + 1, M + 1) sum of the outer products of rows (N, M) followed by 1."""
-    weighted = flat if weights is None else flat * weights[:, None]
-    total = np.empty((flat.shape[1] + 1, flat.shape[1] + 1))
-    total[:-1, :-1] = weighted.T @ flat
-    total[:-1, -1] = total[-1, :-1] = weighted.sum(axis=0)
-    total[-1, -1] = len(flat) if weights is None else weights.sum()
-    return total
-
-
-@dataclass(frozen=True, eq=False)
-class UniformLikelihood:
-    """As ``Likelihood``, for samples of equal weight that have errors of their own.
-
-    Parameters
-    ----------
-    data : Normalized
-        Readings and intensities.
-    vector_noise : (K,) array
-        Standard deviation of each sensor's axes.
-    scalar_noise : float
-        Standard deviation of the intensity's error.
-    """
-
-    data: Normalized
-    vector_noise: FloatArray
-    scalar_noise: float
-
-    def linearize(self, matrix: FloatArray, bias: FloatArray) -> Linearization:
-        """Return the normal equations at a point.
-
-        Parameters
-        ----------
-        matrix : (K, 3, 3) array
-            D Λ of each sensor.
-        bias : (K, 3) array
-            Of each sensor about the origin of the data, in units of their radius.
-        """
-        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
-        pieces = ((points[:-1], intensity, None) for points, intensity in self.data.blocks())
-        common = common_mode_sums(channels, pieces, self.scalar_noise)
-        return normal_equations(channels, self.data.moments, common, round(self.data.moments[-1, -1]))

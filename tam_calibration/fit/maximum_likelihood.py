@@ -21,7 +21,7 @@ from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.ellipsoid import Normalized, normalize
 from tam_calibration.fit.estimate import make_calibration, student_noises
 from tam_calibration.fit.information import NOT_ONE, descend, inverted, parameter_covariance
-from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization, UniformLikelihood
+from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization
 from tam_calibration.fit.moments import into_frame_of_first
 from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_determined, turning_of
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
@@ -221,12 +221,11 @@ def maximum_likelihood(
     """
     if ambient_gradient:
         recording = require_attitude(recording.whole())
+    elif robust:
+        recording = recording.whole()
     noisy, _ = complete_noise(array, recording)
     data = normalize(recording)
-    if robust or ambient_gradient:
-        point, information = _fit_in_memory(recording.whole(), noisy, data, robust, ambient_gradient)
-    else:
-        point, information = _fit(recording, noisy, data)
+    point, information = _fit(recording, noisy, data, robust, ambient_gradient)
     errors, factor = _errors(data, point)
     intensity_T, gradient = data.radius_T / factor, None
     if ambient_gradient:
@@ -300,41 +299,20 @@ def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
     return data.errors_at(point.matrix, point.bias)
 
 
-def _fit(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> tuple[Point, FloatArray]:
-    """Return the estimate in a uniform field and its information, the intensity interpolated where it is slow."""
-    likelihood = likelihood_of(recording, array, data)
-    point = Point(*closed_form(data, *data.noise_of(array)))
-    return gauss_newton(lambda there: likelihood.linearize(there.matrix, there.bias), point)
-
-
-def likelihood_of(recording: SampleSource, array: KnownNoiseArray, data: Normalized) -> Likelihood | UniformLikelihood:
-    """Return the likelihood of samples in a uniform field, the intensity interpolated where it is slow.
-
-    Parameters
-    ----------
-    recording : SampleSource
-        The samples.
-    array : KnownNoiseArray
-        Of their sensors.
-    data : Normalized
-        The same samples.
-    """
-    count = recording.scalar_count
-    if count is None or count > recording.sample_count / 2:
-        return UniformLikelihood(data, *data.noise_of(array))
-    return _likelihood(recording.whole(), array, data, may_interpolate=True)
-
-
-def _fit_in_memory(
-    recording: Recording, array: KnownNoiseArray, data: Normalized, robust: bool, ambient_gradient: bool
+def _fit(
+    recording: SampleSource,
+    array: KnownNoiseArray,
+    data: Normalized,
+    robust: bool = False,
+    ambient_gradient: bool = False,
 ) -> tuple[Point, FloatArray]:
-    """Return the estimate and its information where samples differ in weight, attitude or share of a reading."""
+    """Return the estimate and its information, the intensity interpolated where it is slow."""
     # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
     is_steady = not ambient_gradient or array.scalar_position_m is None
-    likelihood = _likelihood(recording, array, data, may_interpolate=is_steady and not robust)
+    likelihood = likelihood_of(recording, array, data, may_interpolate=is_steady and not robust)
     point = Point(*closed_form(data, *data.noise_of(array)))
     if ambient_gradient:
-        likelihood, point = _aligned_start(recording, array, likelihood, point)
+        likelihood, point = _aligned_start(recording.whole(), array, likelihood, point)
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
         differential, common = student_noises(likelihood, *point)
@@ -347,19 +325,35 @@ def _fit_in_memory(
     return point, information
 
 
+def likelihood_of(
+    recording: SampleSource, array: KnownNoiseArray, data: Normalized, may_interpolate: bool = True
+) -> Likelihood:
+    """Return the likelihood of samples in a uniform field, the intensity interpolated where it is slow.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        The samples.
+    array : KnownNoiseArray
+        Of their sensors.
+    data : Normalized
+        The same samples.
+    may_interpolate : bool
+        Whether the intensity between two readings lies on a line.
+    """
+    vector_noise, scalar_noise = data.noise_of(array)
+    if not (may_interpolate and is_worth_interpolating(recording)):
+        return Likelihood(data, vector_noise, scalar_noise)
+    whole = recording.whole()
+    intensity, shared_noise = interpolate(whole.time_s, data.intensity, scalar_noise)
+    return Likelihood(replace(data, source=whole), vector_noise, 0.0, intensity, shared_noise)
+
+
 def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearization:
     weights = None
     if robust:
         weights = np.array([noise.weights / noise.square for noise in student_noises(likelihood, *point)])
     return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
-
-
-def _likelihood(recording: Recording, array: KnownNoiseArray, data: Normalized, may_interpolate: bool) -> Likelihood:
-    vector_noise, scalar_noise = data.noise_of(array)
-    if not (may_interpolate and is_worth_interpolating(data.intensity)):
-        return Likelihood(data.points, data.intensity, vector_noise, scalar_noise)
-    intensity, shared_noise = interpolate(recording.time_s, data.intensity, scalar_noise)
-    return Likelihood(data.points, intensity, vector_noise, 0.0, shared_noise)
 
 
 def _aligned_start(
@@ -370,7 +364,7 @@ def _aligned_start(
     The field at the centre is known well enough for that only when the gradient is known.
     """
     for start in (True, False):
-        field = np.linalg.solve(point.matrix, (likelihood.points - point.bias)[..., None])[..., 0].mean(axis=1)
+        field = np.linalg.solve(point.matrix, (likelihood.data.points - point.bias)[..., None])[..., 0].mean(axis=1)
         likelihood = replace(likelihood, turning=turning_of(recording, array, field))
         if start:
             point = point._replace(gradient=np.zeros(5))

@@ -27,7 +27,7 @@ from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import descend, free_basis, inverted, rows_by_unknowns
-from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import AttitudeLikelihood, WorldView
@@ -147,7 +147,7 @@ class Problem:
     known: Known
     start_errors: SensorErrors
     unit_T: float
-    likelihood: Likelihood | UniformLikelihood
+    likelihood: Likelihood
     has_scalar: bool
     mounting_error: float | None
     motion: Motion | None = None

@@ -126,10 +126,9 @@ class InterpolationNoise:
         return free, bands
 
 
-def is_worth_interpolating(scalar: FloatArray) -> bool:
-    """Whether at least three samples (N,) hold a reading, and at most every second one."""
-    known = np.isfinite(scalar)
-    return bool(3 <= known.sum() <= len(scalar) / 2)
+def is_worth_interpolating(source: SampleSource) -> bool:
+    """Whether at least three samples hold a reading of the scalar, and at most every second one."""
+    return 3 <= (source.scalar_count or 0) <= source.sample_count / 2
 
 
 def interpolate(time_s: FloatArray, scalar: FloatArray, noise: float) -> tuple[FloatArray, InterpolationNoise]:

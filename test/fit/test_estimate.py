@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.coverage import field_of, measure_coverage
-from tam_calibration.fit.ellipsoid import normalize
+from tam_calibration.fit.ellipsoid import Normalized, normalize
 from tam_calibration.fit.estimate import measure_chi_square, measure_quality
-from tam_calibration.fit.likelihood import Likelihood, UniformLikelihood
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import residual_series
@@ -43,22 +43,22 @@ def test_figures_are_those_of_all_samples(recording, wu_scenario):
     assert_allclose(quality.after.tensor_T_per_m, np.sqrt(np.mean(series.tensor_T_per_m**2, axis=0)))
     assert quality.mean_scalar_T == pytest.approx(np.nanmean(recording.scalar_T))
     unit = 5e-5
-    likelihood = Likelihood(
-        recording.readings_T / unit, recording.scalar_T / unit, array.vector_noise_T / unit, array.scalar_noise_T / unit
-    )
+    data = Normalized(recording, np.zeros((4, 3)), unit, has_scalar=True)
+    likelihood = Likelihood(data, array.vector_noise_T / unit, array.scalar_noise_T / unit)
     point = likelihood.linearize(errors.matrix, errors.bias_T / unit)
     assert quality.reduced_chi_square["common_mode"] == pytest.approx(point.common.energy / (point.common.count - 9))
     assert quality.reduced_chi_square["differential"] == pytest.approx(point.between.energy / (360 * 9 - 36), rel=1e-5)
     assert measure_chi_square(recording, array, errors, 5e-5) == quality.reduced_chi_square
 
 
-def test_normal_equations_are_those_of_all_samples(recording, wu_scenario):
-    """The likelihood that passes over blocks has the information and gradient of the one in memory."""
+def test_normal_equations_are_those_of_all_samples(recording, wu_scenario, monkeypatch):
+    """The likelihood that passes over blocks has the information and gradient of the one of all samples at once."""
     data, noise = normalize(recording), np.array([1.0, 2.0, 1.0, 0.5]) * 2e-5
     errors = estimate(recording, wu_scenario.array)
     point = errors.matrix + 1e-6, (errors.bias_T - data.origin_T) / data.radius_T
-    one = UniformLikelihood(data, noise, 1e-6).linearize(*point)
-    other = Likelihood(data.points, data.intensity, noise, 1e-6).linearize(*point)
+    one = Likelihood(data, noise, 1e-6).linearize(*point)
+    monkeypatch.setattr("tam_calibration.model.recording.BLOCK", 16_384)
+    other = Likelihood(normalize(recording), noise, 1e-6).linearize(*point)
     assert_allclose(
         one.both.information, other.both.information, rtol=1e-9, atol=1e-9 * np.abs(other.both.information).max()
     )

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tam_calibration.core.noise import VarianceFactors
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.likelihood import (
     UNIFORM,
     ChannelMaps,
@@ -39,7 +40,8 @@ def likelihood_of(run, scalar_noise=2e-6, turning=None):
     """Return the likelihood of a run in units of order one; 1 nT of vector noise."""
     recording = run.recording
     noise = np.array([1.0, 2.0, 1.0, 0.5]) * 1e-9 / UNIT_T
-    return Likelihood(recording.readings_T / UNIT_T, recording.scalar_T / UNIT_T, noise, scalar_noise, turning=turning)
+    data = Normalized(recording, np.zeros((4, 3)), UNIT_T, has_scalar=True)
+    return Likelihood(data, noise, scalar_noise, turning=turning)
 
 
 @pytest.fixture(scope="module", params=["uniform", "gradient"])
@@ -79,7 +81,9 @@ def test_the_common_mode_s_part_is_what_the_intensities_tell(at_truth):
         with_it.both.information - with_it.common.information, silent.both.information, rtol=1e-6, atol=1e-3
     )
     assert_allclose(with_it.both.score - with_it.common.score, silent.both.score, rtol=1e-6, atol=1e-3)
-    alone = replace(likelihood, points=likelihood.points[:, :1], vector_noise=likelihood.vector_noise[:1], turning=None)
+    first = replace(likelihood.data.source, readings_T=likelihood.data.source.readings_T[:, :1])
+    data = replace(likelihood.data, source=first, origin_T=np.zeros((1, 3)))
+    alone = replace(likelihood, data=data, vector_noise=likelihood.vector_noise[:1], turning=None)
     one = alone.linearize(matrix[:1], bias[:1] + 1e-6)
     assert one.both.information.tolist() == one.common.information.tolist()
     assert one.both.score.tolist() == one.common.score.tolist()
@@ -109,7 +113,7 @@ def test_interpolation_noise_reaches_the_common_mode_across_pieces(scenario, mon
     likelihood = replace(likelihood_of(run, 0.0), intensity=intensity, interpolation_noise=noise)
     matrix, bias = run.errors.matrix + 1e-6, run.errors.bias_T / UNIT_T
     whole = likelihood.linearize(matrix, bias)
-    monkeypatch.setattr("tam_calibration.fit.likelihood.BLOCK", 7)
+    monkeypatch.setattr("tam_calibration.model.recording.BLOCK", 7)
     pieces = likelihood.linearize(matrix, bias)
     assert_allclose(pieces.both.information, whole.both.information, rtol=1e-9)
     assert_allclose(pieces.both.score, whole.both.score, rtol=1e-9)

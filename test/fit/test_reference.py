@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
+from tam_calibration.model.recording import Recording
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.conditions import ScalarReference, SinusoidDrift, Tumble
 
@@ -108,10 +109,15 @@ def test_only_a_slow_scalar_is_interpolated():
     every_second, most = np.full(100, np.nan), np.full(100, 50.0)
     every_second[::2] = 50.0
     most[::3] = np.nan
-    assert is_worth_interpolating(every_second)
-    assert not is_worth_interpolating(most)
-    assert not is_worth_interpolating(np.full(100, 50.0))
-    assert not is_worth_interpolating(slow(np.full(100, 50.0), 60))
+
+    def is_worth_it(scalar):
+        return is_worth_interpolating(Recording(np.arange(100.0), np.zeros((100, 1, 3)), scalar))
+
+    assert is_worth_it(every_second)
+    assert not is_worth_it(most)
+    assert not is_worth_it(np.full(100, 50.0))
+    assert not is_worth_it(slow(np.full(100, 50.0), 60))
+    assert not is_worth_it(None)
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +160,7 @@ def test_interpolation_helps(tumbling, monkeypatch):
     """Against counting samples without a reading only among the sensors, standard errors fall threefold."""
     recording = simulate(tumbling).recording
     interpolated = maximum_likelihood(recording, tumbling.array).standard_errors
-    monkeypatch.setattr("tam_calibration.fit.maximum_likelihood.is_worth_interpolating", lambda scalar: False)
+    monkeypatch.setattr("tam_calibration.fit.maximum_likelihood.is_worth_interpolating", lambda source: False)
     dropped = maximum_likelihood(recording, tumbling.array).standard_errors
     assert np.median(dropped[:, :9] / interpolated[:, :9]) > 3
     assert_allclose(dropped[1:, 9:] / interpolated[1:, 9:], 1, atol=0.05)

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 
 from tam_calibration.core.noise import BLOCKS, COSINES, WHITE, VarianceFactors
 from tam_calibration.fit import calibrate, estimate
+from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.estimate import GROWING, variance_factors, widened
 from tam_calibration.fit.information import free_basis, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood
@@ -233,10 +234,9 @@ def sandwich(calibration, recording):
     """Return A⁻¹ (f_d I_d + f_c I_c) A⁻¹ of the errors, from the samples."""
     errors, array, unit_T = calibration.errors, calibration.array, calibration.intensity_T
     has_scalar = recording.scalar_T is not None
-    intensity = recording.scalar_T / unit_T if has_scalar else np.ones(recording.sample_count)
+    data = Normalized(recording, errors.bias_T, unit_T, has_scalar)
     scalar_noise = array.scalar_noise_T / unit_T if has_scalar else 0.0
-    points = (recording.readings_T - errors.bias_T) / unit_T
-    likelihood = Likelihood(points, intensity, array.vector_noise_T / unit_T, scalar_noise)
+    likelihood = Likelihood(data, array.vector_noise_T / unit_T, scalar_noise)
     here = likelihood.linearize(errors.matrix, np.zeros((4, 3)))
     rows = rows_by_unknowns(errors, unit_T, None if has_scalar else unit_T)
     free = np.ones(rows.shape[1], dtype=bool)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.fit.ellipsoid import Normalized
-from tam_calibration.fit.likelihood import UniformLikelihood
+from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.live.recursion import LARGEST_WALK, Belief, MomentLikelihood, Recursion, SampleMoments, Walk
@@ -67,7 +67,7 @@ def test_the_moments_give_the_normal_equations_of_the_samples(far_prior, cross):
     ]
     here = likelihood.linearize(halves[0] + halves[1], errors)
     data = Normalized(recording, prior.errors.bias_T, unit_T, has_scalar=True)
-    exact = UniformLikelihood(data, array.vector_noise_T / unit_T, array.scalar_noise_T / unit_T).linearize(
+    exact = Likelihood(data, array.vector_noise_T / unit_T, array.scalar_noise_T / unit_T).linearize(
         errors.matrix, (errors.bias_T - prior.errors.bias_T) / unit_T
     )
     jacobian = np.zeros((4, 12, 4, 12))
