@@ -45,6 +45,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Tolerances
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import ATTITUDE_NOISE
+from tam_calibration.model.mounting import rotation_matrix
 from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, for_people, from_degrees, to_degrees
@@ -297,8 +298,6 @@ class RawHeadings:
         intensity_T : float
             Of the field, tesla.
         """
-        from scipy.spatial.transform import Rotation
-
         count = readings_T.shape[1]
         names = tuple(f"sensor {sensor + 1}" for sensor in range(count)) + (("all sensors",) if count > 1 else ())
         raw = np.concatenate([readings_T, readings_T.mean(axis=1, keepdims=True)], axis=1)[:, : len(names)]
@@ -307,7 +306,7 @@ class RawHeadings:
         usual = SensorErrors.from_vector(deviates + np.repeat([1.0, 0.0], [3, 9])).distort(field)
         world = np.einsum("nij,nj->ni", turned, field)
         # With the field where it belongs, what follows is not correlated with the errors of the attitude.
-        agreeing = Rotation.from_rotvec(turns_between(world, direction)).as_matrix() @ turned
+        agreeing = rotation_matrix(turns_between(world, direction)) @ turned
         errors = -_heading(np.einsum("nij,nkj->kni", agreeing, np.concatenate([raw, usual], axis=1)))
         columns = _by_mounting(field, agreeing, direction)
         headings = np.vstack([_heading(world), _heading(world) - errors[: len(names)], errors[len(names) :]])

@@ -22,11 +22,12 @@ from numpy.linalg import inv, norm
 
 from tam_calibration.core.least_squares import Normal, gram
 from tam_calibration.fit.ellipsoid import COLUMNS, ROWS, Normalized
-from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse, rotated
+from tam_calibration.fit.gyroscope_path import GyroscopePath, GyroscopeState, GyroscopeUse
 from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.recorded_attitude import across_of
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.limits import RATE_NOISE
+from tam_calibration.model.mounting import rotation_matrix
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -226,7 +227,8 @@ class GyroscopeLikelihood:
         across = across_of(along)
         links = self.path.links
         turned = self.path.turns(state) @ (state.mount @ state.shape).T
-        moved = rotated(-turned, np.concatenate([along[links, None], across[links]], axis=1))
+        # The transposed rotation turns back.
+        moved = np.concatenate([along[links, None], across[links]], axis=1) @ rotation_matrix(turned)
         residual = np.einsum("nai,ni->na", across[links + 1], moved[:, 0])
         through = np.einsum("nai,nbi->nab", across[links + 1], moved[:, 1:])
         covariance = channels.elimination.covariance

@@ -22,6 +22,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.noise import fast_noise
 from tam_calibration.fit.ellipsoid import COLUMNS, ROWS
+from tam_calibration.model.mounting import rotation_matrix
 from tam_calibration.model.sensor_errors import ORIENTATIONS
 from tam_calibration.model.units import FloatArray, from_degrees
 
@@ -74,8 +75,6 @@ class GyroscopeState:
 
     def moved(self, step: FloatArray) -> "GyroscopeState":
         """Return the state after a step (size,) of the unknowns, in the order of ``size``."""
-        from scipy.spatial.transform import Rotation
-
         count, shape = self.bias.size, self.shape.copy()
         shape[ROWS, COLUMNS] += step[count + 4 :]
         shape[COLUMNS, ROWS] = shape[ROWS, COLUMNS]
@@ -83,7 +82,7 @@ class GyroscopeState:
             self,
             bias=self.bias + step[:count].reshape(-1, 3),
             delay_s=self.delay_s + float(step[count]),
-            mount=Rotation.from_rotvec(step[count + 1 : count + 4]).as_matrix() @ self.mount,
+            mount=rotation_matrix(step[count + 1 : count + 4]) @ self.mount,
             shape=shape,
         )
 
@@ -265,13 +264,6 @@ class GyroscopePath:
         return np.asarray((parts + np.cross(before, parts) / 2).sum(axis=1))
 
 
-def rotated(angle: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return vectors (L, V, 3) turned by rotation vectors (L, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(vectors @ np.swapaxes(Rotation.from_rotvec(angle).as_matrix(), 1, 2))
-
-
 _TRIED, _STEPS = 4, 12
 """Rotations by right angles, the best of all 24, from which the fit begins, and its steps."""
 
@@ -385,8 +377,6 @@ class _Quadratic:
 
     def rotation(self, sign: float) -> tuple[float, float, FloatArray]:
         """Return the least sum of squares of a multiple of a rotation, or of a mirrored one, and scale and rotation."""
-        from scipy.spatial.transform import Rotation
-
         found = []
         ridge = _RIDGE * float(np.trace(self.normal))
         starts = ORIENTATIONS.reshape(-1, 9)
@@ -401,7 +391,7 @@ class _Quadratic:
                 columns = np.column_stack([*by_turn, matrix.ravel()])
                 normal = columns.T @ self.normal @ columns + ridge * scale**2 * np.eye(4)
                 step = np.linalg.solve(normal, columns.T @ away)
-                turn = Rotation.from_rotvec(step[:3] / max(1.0, float(norm(step[:3])))).as_matrix() @ turn
+                turn = rotation_matrix(step[:3] / max(1.0, float(norm(step[:3])))) @ turn
                 scale *= float(np.exp(np.clip(step[3], -1, 1)))
             matrix = (sign * scale * turn).ravel()
             cost = self.square - 2 * float(self.slope @ matrix) + float(matrix @ self.normal @ matrix)

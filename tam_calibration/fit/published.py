@@ -53,6 +53,7 @@ from tam_calibration.fit.moments import (
     rotation_by_regression,
 )
 from tam_calibration.model.array import Array
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.units import FloatArray
 
@@ -333,12 +334,10 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
 
 def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArray:
     """Return the rotations (S, 3, 3) from the frame of sensor 1 to the one whose attitude was recorded."""
-    from scipy.spatial.transform import Rotation
-
     known = moments.known()
     assert known.attitude is not None
     has_attitude = np.isfinite(known.attitude).all(axis=1)
-    to_world = Rotation.from_quat(known.attitude[has_attitude]).as_matrix()
+    to_world = matrices_of(known.attitude[has_attitude])
     points = (known.readings_T[has_attitude, 0] - moments.data.origin_T[0]) / moments.data.radius_T
     set_without, turns = moments.set_without()[has_attitude], []
     for number, (unmix, bias) in enumerate(zip(inv(matrix[:, 0]), center[:, 0], strict=True)):

@@ -28,6 +28,7 @@ from tam_calibration.model.array import UNIT_TENSORS, Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.limits import ATTITUDE_NOISE
+from tam_calibration.model.mounting import matrices_of, rotation_matrix
 from tam_calibration.model.recording import BLOCK, Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
@@ -384,10 +385,8 @@ class WorldView:
 
     def moved(self, step: FloatArray) -> "WorldView":
         """Return the view after a step (5,): turn of the mount, radians, and shift of the direction across itself."""
-        from scipy.spatial.transform import Rotation
-
         direction = self.direction + self.across @ step[3:]
-        return WorldView(self.mount @ Rotation.from_rotvec(step[:3]).as_matrix(), direction / norm(direction))
+        return WorldView(self.mount @ rotation_matrix(step[:3]), direction / norm(direction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,11 +424,9 @@ class AttitudeLikelihood:
         recording = data.source.whole()
         if recording.attitude is None:
             return None
-        from scipy.spatial.transform import Rotation
-
         known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
         rows = data.points[known].reshape(len(known), -1).T
-        to_world = Rotation.from_quat(recording.attitude[known]).as_matrix()
+        to_world = matrices_of(recording.attitude[known])
         noise, none = array.vector_noise_T / data.radius_T, np.zeros((0, len(known)))
         return cls(rows, to_world, noise, array.attitude_noise, uses_heading, none)
 

@@ -20,7 +20,7 @@ from tam_calibration.fit.information import descend, inverted
 from tam_calibration.fit.prior import turned
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.mounting import matrices_of
+from tam_calibration.model.mounting import matrices_of, rotation_matrix
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -212,13 +212,6 @@ def _check(
     if not (np.isfinite(readings).all() and np.isfinite(noise).all() and (noise > 0).all()):
         raise InputError("every amplitude must be finite, and its noise a positive number")
     return readings, noise
-
-
-def rotation_matrix(vector: FloatArray) -> FloatArray:
-    """Return the rotation matrix (3, 3) of a rotation vector."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 _FRAME_STATEMENT = (

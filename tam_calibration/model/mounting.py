@@ -151,6 +151,13 @@ def matrices_of(attitude: FloatArray) -> FloatArray:
     return matrices
 
 
+def rotation_matrix(vector: FloatArray) -> FloatArray:
+    """Return the rotation matrices (…, 3, 3) of rotation vectors (…, 3), radians; one of them, or N."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+
+
 def _unit(quaternion: FloatArray, name: str) -> FloatArray:
     """Return a quaternion of length 1.
 
