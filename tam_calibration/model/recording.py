@@ -24,9 +24,6 @@ from tam_calibration.model.units import FloatArray
 if TYPE_CHECKING:
     import pandas
     import xarray
-if TYPE_CHECKING:
-    import pandas
-    import xarray
 
 
 _COLUMN = re.compile(r"(current_(?:[2-9]|[1-9]\d))_A|actuator_([a-z][a-z0-9_]{0,40})")
@@ -93,7 +90,6 @@ POSITION_COLUMNS = ("x_m", "y_m", "z_m")
 """Columns of the position in a table; any other channel is one column of its own name."""
 
 _OF_VECTORS = {"attitude": ATTITUDE_COLUMNS, "angular_velocity_rad_s": RATE_COLUMNS, "position_m": POSITION_COLUMNS}
-_SINGLE_CHANNELS = ("scalar_T", "temperature_C", "current_A")
 
 _TIME = ("time_s",)
 
@@ -133,11 +129,11 @@ def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
     table = _library("pandas")
     readings = values["readings_T"]
     columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
-    columns |= {name: values[name] for name in _SINGLE_CHANNELS if name in values}
-    for name, own in _OF_VECTORS.items():
-        if name in values:
-            columns |= zip(own, values[name].T, strict=True)
-    columns |= {name: channel for name, channel in values.items() if is_further(name)}
+    for name, channel in values.items():
+        if name in _OF_VECTORS:
+            columns |= zip(_OF_VECTORS[name], channel.T, strict=True)
+        elif name not in ("time_s", "readings_T"):
+            columns[name] = channel
     return table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
 
 
