@@ -131,7 +131,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     if recording.sample_count < 50:
         return recording, None
     try:
-        judge = _Judge(_estimate, recording, array)
+        judge = _Judge(estimate, recording, array)
         # Mean square of the residuals, over the noise or their median, from which bad readings may hide in the fit
         # of all.
         if judge.spread < 2.0 and not judge.is_bad(recording).any():
@@ -149,7 +149,7 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
         for _ in range(MOST_STEPS):
             if not 0 < is_bad.mean() < most:
                 return recording, None
-            judge = _Judge(_estimate, recording.take(~is_bad), array)
+            judge = _Judge(estimate, recording.take(~is_bad), array)
             before, is_bad = is_bad, judge.is_bad(recording)
             if (is_bad == before).all():
                 break
@@ -163,12 +163,8 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     return (recording, None) if found.is_event else (recording.take(~is_bad), found)
 
 
-def _estimate(recording: SampleSource, array: Array) -> SensorErrors:
-    return estimate(recording.thinned(SKETCH), array)
-
-
 def _robust_estimate(recording: SampleSource, array: Array) -> SensorErrors:
-    return maximum_likelihood(recording.thinned(SKETCH), array, robust=True).errors
+    return maximum_likelihood(recording, array, robust=True).errors
 
 
 def _far_off(recording: SampleSource) -> NDArray[np.bool_]:
@@ -198,7 +194,7 @@ class _Judge:
         self, fit: Callable[[SampleSource, KnownNoiseArray], SensorErrors], source: SampleSource, array: Array
     ) -> None:
         noisy, some = complete_noise(array, source)[0], source.thinned(SKETCH)
-        errors = fit(source, noisy)
+        errors = fit(some, noisy)
         count = errors.sensor_count
         self._is_compared = count >= _COMPARED
         self._has_scalar = some.scalar_T is not None  # else it is slower than these samples, and not judged
