@@ -8,16 +8,8 @@ import numpy as np
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.acceptance import LARGEST_ANGLE_ERROR, LARGEST_RELATIVE_ERROR
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.coverage import (
-    CELLS,
-    ENOUGH_RELATIVE_ERROR,
-    cell_directions,
-    field_of,
-    measure_coverage,
-)
-from tam_calibration.fit.ellipsoid import (
-    normalize,
-)
+from tam_calibration.fit.coverage import CELLS, ENOUGH_RELATIVE_ERROR, cell_directions, field_of, measure_coverage
+from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.fit.information import InformationModel, bound, information_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused
