@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
+from operator import itemgetter
 
 import numpy as np
 from numpy.linalg import LinAlgError, inv, norm
@@ -96,13 +97,8 @@ class PartModel:
         return float(energy / (len(fields_T) * (3 * fields_T.shape[1] - 2)))
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """What may have changed in words, the fields (N, K, 3) that it makes of the readings, and its free parameters."""
-
-    words: str
-    fields_T: FloatArray
-    free: int
+Hypothesis = tuple[str, FloatArray, int]
+"""What may have changed in words, the fields (N, K, 3) that it makes of the readings, and its free parameters."""
 
 
 def hypotheses(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hypothesis]:
@@ -120,13 +116,13 @@ def hypotheses(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator
     readings_T = model.samples.readings_T
     for order in _orders(readings_T.shape[1]):
         named = order if sign < 0 else np.argsort(order).tolist()
-        yield Hypothesis(_of_order(named), model.fields(readings_T[:, order]), 0)
+        yield _of_order(named), model.fields(readings_T[:, order]), 0
     distance = np.median(norm(unchanged_T - np.median(unchanged_T, axis=1, keepdims=True), axis=2), axis=0)
     for sensor in np.argsort(-distance)[:_MOST_ORDERED].tolist():
         for words, field_T, free in _of_sensor(model, unchanged_T, sensor, sign):
             changed_T = unchanged_T.copy()
             changed_T[:, sensor] = field_T
-            yield Hypothesis(words.format(f"sensor {sensor + 1}"), changed_T, free)
+            yield words.format(f"sensor {sensor + 1}"), changed_T, free
     yield from _of_all(model, unchanged_T, sign)
 
 
@@ -230,15 +226,15 @@ def _of_all(model: PartModel, unchanged_T: FloatArray, sign: int) -> Iterator[Hy
     count, mean_T = unchanged_T.shape[1], unchanged_T.mean(axis=1)
     factor = float(np.mean(norm(mean_T, axis=1) / model.intensities_T))
     words = _of_gain("all sensors" if count > 1 else "sensor 1", factor**sign)
-    yield Hypothesis(words, model.fields(model.samples.readings_T / factor), 1)
+    yield words, model.fields(model.samples.readings_T / factor), 1
     jumps_T = sphere_center(np.swapaxes(unchanged_T, 0, 1))
     alone = _of_bias("sensor 1", sign * inv(model.unmix[0]) @ jumps_T[0])
-    yield Hypothesis(_of_biases(jumps_T) if count > 1 else alone, unchanged_T - jumps_T, 3 * count)
+    yield _of_biases(jumps_T) if count > 1 else alone, unchanged_T - jumps_T, 3 * count
     noise = KnownNoiseArray(np.zeros((1, 3)), model.array.vector_noise_T[:1], model.array.scalar_noise_T)
     together = PartModel.of(replace(model.samples, readings_T=mean_T[:, None]), noise)
     if count > 1 and together is not None:
         fields_T = (unchanged_T - together.bias_T) @ together.unmix[0].T
-        yield Hypothesis("iron that moves with the array changes the field of all sensors", fields_T, 9)
+        yield "iron that moves with the array changes the field of all sensors", fields_T, 9
 
 
 def _of_biases(jumps_T: FloatArray) -> str:
@@ -365,7 +361,7 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
         return None
     unchanged_T = parts.model.fields(parts.model.samples.readings_T)
     before = parts.ratio(unchanged_T)
-    after, best = parts.best_hypothesis(unchanged_T)
+    after, words = parts.best_hypothesis(unchanged_T)
     gained = (before - after) * len(unchanged_T) * parts.model.channels
     # Least energy that a hypothesis explains beyond its price where noise is white: chance makes less than its
     # price.
@@ -378,7 +374,7 @@ def what_changed(recording: SampleSource, array: Array) -> Change | None:
     # effects.
     is_explained = after < max(min(_EXPLAINED, (1 + before) / 2), 1e-3 * before)
     if is_explained and (parts.are_steady or after < _EXPLAINED):
-        return Change(*_in_words(span, best.words), is_calibrated, span.is_plain)
+        return Change(*_in_words(span, words), is_calibrated, span.is_plain)
     # Variance of the residuals over that of the calibrated part from which readings fail that nothing explains.
     if before < 100.0:
         return None
@@ -437,17 +433,13 @@ class _Parts:
         """Return the variance of the other part's residuals over that of the calibrated one's."""
         return self.model.variance(fields_T) / self.level
 
-    def best_hypothesis(self, unchanged_T: FloatArray) -> tuple[float, Hypothesis]:
-        """Return the hypothesis that leaves the least ratio, with the price of its free parameters, and that ratio."""
+    def best_hypothesis(self, unchanged_T: FloatArray) -> tuple[float, str]:
+        """Return the least ratio that a hypothesis leaves, with the price of its free parameters, and its words."""
         count = len(unchanged_T) * self.model.channels
         # Times the price of a free parameter by Schwarz 1978: the calibrated part has errors of its own.
         price = 3.0 * np.log(count) / count
-        tried = [
-            (self.ratio(each.fields_T) + price * each.free, place, each)
-            for place, each in enumerate(hypotheses(self.model, unchanged_T, 1 if self.is_inside else -1))
-        ]
-        after, _, best = min(tried)
-        return after, best
+        tried = hypotheses(self.model, unchanged_T, 1 if self.is_inside else -1)
+        return min(((self.ratio(fields_T) + price * free, words) for words, fields_T, free in tried), key=itemgetter(0))
 
     def failing_sensor(self, unchanged_T: FloatArray) -> int:
         """Return the number of the sensor that contradicts the others, where these agree; 0 where they do not."""
