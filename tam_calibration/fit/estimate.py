@@ -182,7 +182,6 @@ def make_calibration(
     covariance: FloatArray,
     intensity_T: float,
     *,
-    is_from_noise: bool = False,
     gradient: AmbientGradientEstimate | None = None,
     frame: str = FRAME_STATEMENT,
 ) -> Calibration:
@@ -204,8 +203,6 @@ def make_calibration(
         Of the flattened parameters.
     intensity_T : float
         The constant intensity on the estimate's scale, tesla, used where there is no scalar reference.
-    is_from_noise : bool
-        Whether the covariance comes from the array's noise, not from the scatter of the data.
     gradient : AmbientGradientEstimate, optional
         Fitted together with the errors; its standard errors come from where the covariance does.
     frame : str
@@ -219,7 +216,7 @@ def make_calibration(
     if array.vector_noise_T is None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
         noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
-        if is_from_noise:
+        if method == "maximum_likelihood":  # its covariance comes from the noise, not from the scatter of the data
             covariance = factor**2 * covariance
             if gradient is not None:
                 gradient = replace(gradient, standard_errors_T_per_m=factor * gradient.standard_errors_T_per_m)

@@ -234,9 +234,7 @@ def maximum_likelihood(
         information = information[:-5, :-5] - cross @ np.linalg.solve(own, cross.T)
     covariance = parameter_covariance(information, errors, data.radius_T, None if data.has_scalar else intensity_T)
     name = "robust" if robust else "maximum_likelihood"
-    return make_calibration(
-        name, recording, array, errors, covariance, intensity_T, is_from_noise=not robust, gradient=gradient
-    )
+    return make_calibration(name, recording, array, errors, covariance, intensity_T, gradient=gradient)
 
 
 def estimate(recording: SampleSource, array: Array) -> SensorErrors:
