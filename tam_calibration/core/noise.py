@@ -202,10 +202,6 @@ class VarianceFactors(NamedTuple):
         """Return a multiple of both."""
         return VarianceFactors(multiple * self.differential, multiple * self.common_mode)
 
-    def is_near(self, others: "VarianceFactors", part: float) -> bool:
-        """Whether both differ from the same of others by no more than a part of those."""
-        return all(abs(own - other) <= part * other for own, other in zip(self, others, strict=True))
-
     def exceed(self, others: "VarianceFactors", part: float) -> bool:
         """Whether one of them is larger than the same of others by more than a part of that."""
         return any(own > (1 + part) * other for own, other in zip(self, others, strict=True))

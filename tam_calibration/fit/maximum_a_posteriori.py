@@ -277,7 +277,7 @@ def _settled(known: Known, recording: SampleSource, array: KnownNoiseArray) -> t
         known = replace(known, variance_factors=factors)
         calibration = maximum_a_posteriori(recording, array, known)
         measured = variance_factors(calibration, recording)
-        if measured.is_near(factors, SETTLED):
+        if np.allclose(measured, factors, rtol=SETTLED, atol=0):
             break
         # Of the variance from one round to the next: what a fit far above leaves tells too little, and a fit that
         # follows it takes what is slow for errors of the sensors.

@@ -273,7 +273,7 @@ class Live:
         errors = now.errors if self._suspicion is None else self._suspicion.first.before.errors
         factors = self._calibration.variance_factors.at_least(self._noise.factors(errors))
         # Part by which the variance of the noise changes before samples are weighed anew.
-        if not factors.is_near(self._likelihood.factors, 0.1):
+        if not np.allclose(factors, self._likelihood.factors, rtol=0.1, atol=0):
             self._likelihood = replace(self._likelihood, factors=factors)
 
     def _in_a_field(self, rows: FloatArray) -> FloatArray:

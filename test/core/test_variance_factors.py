@@ -14,14 +14,6 @@ def test_one_that_is_larger_by_more_than_the_part_is_enough(factors, do_exceed):
     assert VarianceFactors(*factors).exceed(VarianceFactors(2.0, 8.0), 0.1) == do_exceed
 
 
-@pytest.mark.parametrize(
-    ("factors", "are_near"), [((2.1, 8.7), True), ((1.9, 7.3), True), ((2.3, 8.0), False), ((2.0, 7.1), False)]
-)
-def test_both_must_be_near(factors, are_near):
-    """Within a tenth of 2 and of 8, above and below."""
-    assert VarianceFactors(*factors).is_near(VarianceFactors(2.0, 8.0), 0.1) == are_near
-
-
 def test_the_larger_of_each_two_is_taken():
     """Each channel by itself; white noise is the least there is."""
     assert VarianceFactors(3.0, 1.0).at_least(VarianceFactors(2.0, 5.0)) == VarianceFactors(3.0, 5.0)
