@@ -1,6 +1,6 @@
 """What data sheets tell before a calibration: tolerances of new sensors, their rates of change, and a gyroscope."""
 
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
@@ -71,9 +71,7 @@ class ChangeRates:
         warming_K : float
             Difference of the temperatures, kelvin.
         """
-        kinds = ("scale_factor", "non_orthogonality", "bias", "misalignment")
-        by_day = np.array([getattr(self, f"{kind}_per_day") for kind in kinds])
-        by_kelvin = np.array([getattr(self, f"{kind}_per_K") for kind in kinds])
+        by_day, by_kelvin = np.reshape(astuple(self), (4, 2)).T
         return np.repeat(by_day**2 * abs(elapsed_s) / DAY_S + (by_kelvin * warming_K) ** 2, 3)
 
 
@@ -125,7 +123,7 @@ class Tolerances:
 
     def variances(self) -> FloatArray:
         """Return the (12,) variances of a sensor's errors, in the order of ``PARAMETER_NAMES``, SI."""
-        return np.repeat([getattr(self, each.name) ** 2 for each in fields(self)], 3)
+        return np.repeat(np.square(astuple(self)), 3)
 
 
 @dataclass(frozen=True)
