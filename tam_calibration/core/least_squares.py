@@ -135,10 +135,9 @@ class Normal:
         count : float
             Number of channels.
         """
-        rows, more = len(response), len(moments) - 13
-        jacobian = np.zeros((rows + more, 12 + more))
-        jacobian[:rows, :12] = response.reshape(rows, 12)
-        jacobian[rows:, 12:] = np.eye(more)
+        from scipy.linalg import block_diag
+
+        jacobian = block_diag(response.reshape(-1, 12), np.eye(len(moments) - 13))
         score = -jacobian @ moments[:-1, -1]
         return cls(jacobian @ moments[:-1, :-1] @ jacobian.T, score, float(moments[-1, -1]), count)
 

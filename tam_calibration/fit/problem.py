@@ -249,16 +249,14 @@ class Problem:
 
         Errors of the heading that an attitude may have follow them.
         """
+        from scipy.linalg import block_diag
+
         assert self.motion is not None and place.motion is not None
         # A part of all would lose what the motion has calculated of them before.
         motion = self.motion if samples == slice(None) else self.motion.part(samples)
         found = motion.linearize(*self.rows_at(place), place.motion)
         rows = self._rows_by_unknowns(place)
-        more = len(found.score) - len(rows)
-        extended = np.zeros((len(found.score), rows.shape[1] + more))
-        extended[: len(rows), : rows.shape[1]] = rows
-        extended[len(rows) :, rows.shape[1] :] = np.eye(more)
-        return found.by(extended)
+        return found.by(block_diag(rows, np.eye(len(found.score) - len(rows))))
 
     def errors_by_motion(self, place: Place) -> Normal:
         """Return the normal equations of the errors by attitude or angular velocity, other unknowns eliminated."""

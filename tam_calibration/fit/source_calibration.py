@@ -191,14 +191,14 @@ def _predict(
 
 def _allowed(array: Array) -> FloatArray:
     """Return orthonormal directions (4 + 9 K, 3 + 9 K) of the parameters in which the offsets hold no scale."""
+    from scipy.linalg import block_diag
+
     scaling = np.repeat(array.positions_m[:, None], 3, axis=1).ravel()
-    basis = np.eye(4 + len(scaling))
     if norm(scaling) == 0:
         raise InputError("all sensors sit at the centre: there is no baseline to calibrate")
     # The complement of the scaling direction: all but the first column of an orthogonal matrix that begins with it.
-    orthogonal, _ = np.linalg.qr(np.column_stack([scaling, np.eye(len(scaling))]))
-    basis[4:, 4:] = orthogonal[:, : len(scaling)]
-    return np.delete(basis, 4, axis=1)
+    across = np.linalg.qr(scaling[:, None], mode="complete")[0][:, 1:]
+    return np.asarray(block_diag(np.eye(4), across))
 
 
 def _check(
