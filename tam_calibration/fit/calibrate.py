@@ -219,11 +219,10 @@ def held_out_residuals(
     Residuals or None
         None if the recording is too short, or the other folds make no calibration.
     """
-    block = np.arange(_FOLDS * _BLOCKS_PER_FOLD)
-    starts = -(-np.append(block, len(block)) * recording.sample_count // len(block))
-    fold_of = np.repeat((block % _FOLDS).astype(np.int8), np.diff(starts))
+    count = recording.sample_count
+    fold_of = (np.arange(count) * (_FOLDS * _BLOCKS_PER_FOLD) // count % _FOLDS).astype(np.int8)
     sizes = np.bincount(fold_of, minlength=_FOLDS)
-    if not sizes.all() or recording.sample_count - sizes.max() < 2 * FEWEST_SAMPLES:
+    if not sizes.all() or count - sizes.max() < 2 * FEWEST_SAMPLES:
         return None
     held_out = [recording.take(fold_of == fold) for fold in range(_FOLDS)]
     try:
