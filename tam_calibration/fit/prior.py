@@ -154,10 +154,8 @@ class Prior:
         if not self.knows_frame:
             errors, derivative = in_first_frame(errors)
         if not self.knows_scale:
-            scaled = SensorErrors.from_vector(errors.to_vector(), errors.orientation)
-            scaled = replace(scaled, scale_factor=float(free_scale(errors.matrix)) * errors.scale_factor)
-            derivative = without_scale(scaled) @ derivative
-            errors = scaled
+            errors = replace(errors, scale_factor=float(free_scale(errors.matrix)) * errors.scale_factor)
+            derivative = without_scale(errors) @ derivative
         return errors, derivative
 
 

@@ -168,8 +168,7 @@ def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning
         At the centre in the frame of the array, in any unit: the attitudes are aligned with it.
     """
     assert recording.attitude is not None
-    at_center = np.zeros(3)
-    scalar_position = at_center if array.scalar_position_m is None else array.scalar_position_m
+    scalar_position = np.zeros(3) if array.scalar_position_m is None else array.scalar_position_m
     return Turning(aligned(recording.attitude, field), array.positions_m, scalar_position)
 
 
