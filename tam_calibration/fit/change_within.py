@@ -87,7 +87,7 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
     blocks = max(12, int(60 * min(1.0, (4 / array.sensor_count) ** 1.5)))
     bounds = np.unique(np.linspace(0, count, min(blocks, count // 10) + 1).astype(int))
     first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
-    best, gain = sums.best(np.column_stack([first, last]))
+    best, gain = sums.best(np.column_stack([first, last]), 0, count)
     reach = int(np.diff(bounds).max())
     steps = np.unique(np.linspace(-reach, reach, 2 * blocks).astype(int))
     # Rounds of refining either end of a change to the sample, the other end held.
@@ -95,14 +95,15 @@ def find_change(recording: SampleSource, array: Array) -> Span | None:
         for end in (0, 1):
             if best[end] < count:
                 moved = np.where(np.arange(2) == end, best[end] + steps[:, None], best)
-                best, gain = sums.best(moved)
+                best, gain = sums.best(moved, 0, count)
     # No χ² exceeds its freedom by more, but with that probability: Laurent and Massart 2000, lemma 1.
     chance = 2 * np.sqrt(-np.log(_CHANCE) * sums.parameters) - 2 * np.log(_CHANCE)
     if gain < chance:
         return None
     edges = np.unique([0, *best, count])
     further = [
-        sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start)[1] for start, stop in pairwise(edges)
+        sums.best(np.column_stack([bounds, np.full_like(bounds, stop)]), start, stop)[1]
+        for start, stop in pairwise(edges)
     ]
     # Largest gain of a further change that is no chance, as a part of the first: of a ramp it is a half.
     # The same of one that chance may have made: slow noise of short recordings looks like steps too.
@@ -159,27 +160,26 @@ class _Sums:
         channels, terms = self.joint.shape[1] - 1, self.quartic.shape[2] - 1
         return int(4 * (channels - 3) + self.quartic.shape[1] * terms)
 
-    def best(self, spans: NDArray[np.intp], start: int | None = None) -> tuple[NDArray[np.intp], float]:
-        """Return the best of some spans (S, 2) against all other samples, and its gain; 0 where none is possible.
+    def best(self, spans: NDArray[np.intp], start: int, stop: int) -> tuple[NDArray[np.intp], float]:
+        """Return the best of some spans (S, 2) against the other samples, and its gain; 0 where none is possible.
 
         Parameters
         ----------
         spans : (S, 2) array
             First and last sample of each.
-        start : int, optional
-            First of the other samples, which end with the span; by default all samples count.
+        start, stop : int
+            First of all samples that count, and the end of them.
         """
         whole = len(self.joint) - 1
-        low = 0 if start is None else start
         inside = spans[:, 1] - spans[:, 0]
-        outside = (whole if start is None else spans[:, 1] - low) - inside
+        outside = stop - start - inside
         # Of each part three times the samples through which any ellipsoid passes.
         is_long = np.minimum(inside, outside) >= 3 * FEWEST_SAMPLES
-        is_possible = (spans[:, 0] > low) & is_long & (spans[:, 1] <= whole)
+        is_possible = (spans[:, 0] > start) & is_long & (spans[:, 1] <= stop)
         spans = spans[is_possible]
         if not len(spans):
             return np.array([whole, whole]), 0.0
-        ends = np.array([[low, whole]]) if start is None else np.column_stack([np.full(len(spans), low), spans[:, 1]])
+        ends = np.array([[start, stop]])
         gain = self._deviance(ends, None) - self._deviance(spans, None) - self._deviance(ends, spans)
         # The change that lasts is preferred to one that ends by so little that chance decides.
         best = int(np.argmax(gain + (spans[:, 1] == whole) * self.parameters))
