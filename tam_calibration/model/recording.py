@@ -113,81 +113,6 @@ def reading_columns(sensor_count: int) -> list[str]:
     return [f"b{sensor}{axis}_T" for sensor in range(1, sensor_count + 1) for axis in "xyz"]
 
 
-def to_pandas(values: Mapping[str, FloatArray]) -> "pandas.DataFrame":
-    """Return the table of a recording's values.
-
-    Parameters
-    ----------
-    values : mapping of str to array
-        The fields of a ``Recording`` that are there, by name.
-
-    Raises
-    ------
-    InputError
-        When pandas is not installed.
-    """
-    table = _library("pandas")
-    readings = values["readings_T"]
-    columns = dict(zip(reading_columns(readings.shape[1]), readings.reshape(len(readings), -1).T, strict=True))
-    for name, channel in values.items():
-        if name in _OF_VECTORS:
-            columns |= zip(_OF_VECTORS[name], channel.T, strict=True)
-        elif name not in ("time_s", "readings_T"):
-            columns[name] = channel
-    return table.DataFrame(columns, index=table.Index(values["time_s"], name="time_s"))
-
-
-def to_xarray(values: Mapping[str, FloatArray]) -> "xarray.Dataset":
-    """Return the dataset of a recording's values.
-
-    Parameters
-    ----------
-    values : mapping of str to array
-        The fields of a ``Recording`` that are there, by name.
-
-    Raises
-    ------
-    InputError
-        When xarray is not installed.
-    """
-    numbers = np.arange(1, values["readings_T"].shape[1] + 1)
-    variables = {}
-    for name in [*(one for one in _VARIABLES if one in values), *filter(is_further, values)]:
-        unit, dimensions = _variable(name)
-        variables[name] = (dimensions, values[name], {"units": unit})
-    used = {dimension for dimensions, _, _ in variables.values() for dimension in dimensions}
-    labels = {name: label for name, label in _COMPONENTS.items() if name in used}
-    time = ("time_s", values["time_s"], {"units": "s"})
-    dataset: xarray.Dataset = _library("xarray").Dataset(variables, {"time_s": time, "sensor": numbers, **labels})
-    return dataset
-
-
-def from_xarray(dataset: "xarray.Dataset") -> dict[str, FloatArray]:
-    """Return the values of a dataset as ``to_xarray`` makes it, in any order of its dimensions and components.
-
-    Raises
-    ------
-    InputError
-        When a variable, dimension or label is missing, or a variable or unit is another.
-    """
-    if others := [name for name in dataset.data_vars if name not in _VARIABLES and not is_further(str(name))]:
-        raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(_VARIABLES)}")
-    if missing := [name for name in ("time_s", "readings_T") if name not in dataset.variables]:
-        raise InputError(f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *_VARIABLES))}")
-    values = {"time_s": np.asarray(dataset["time_s"], dtype=float)}
-    for name in map(str, dataset.data_vars):
-        variable = dataset[name]
-        own_unit, dimensions = _variable(name)
-        if (unit := variable.attrs.get("units", own_unit)) != own_unit:
-            raise InputError(f"variable {name} is in {unit!r} and must be in {own_unit!r}")
-        try:
-            chosen = {each: _COMPONENTS[each] for each in dimensions if each in _COMPONENTS}
-            values[name] = np.asarray(variable.transpose(*dimensions).sel(chosen), dtype=float)
-        except (KeyError, ValueError) as problem:
-            raise InputError(f"variable {name} must have the dimensions {dimensions}: {problem}") from None
-    return values
-
-
 def _variable(name: str) -> tuple[str, tuple[str, ...]]:
     """Return unit and dimensions of a variable; a further channel is one number for each time."""
     return _VARIABLES[name] if name in _VARIABLES else (unit_of(name), _TIME)
@@ -591,7 +516,15 @@ class Recording:
         >>> list(frame.columns[:4])
         ['b1x_T', 'b1y_T', 'b1z_T', 'b2x_T']
         """
-        return to_pandas(self.values())
+        table = _library("pandas")
+        readings = self.readings_T.reshape(self.sample_count, -1)
+        columns = dict(zip(reading_columns(self.sensor_count), readings.T, strict=True))
+        for name, channel in self.values().items():
+            if name in _OF_VECTORS:
+                columns |= zip(_OF_VECTORS[name], channel.T, strict=True)
+            elif name not in ("time_s", "readings_T"):
+                columns[name] = channel
+        return table.DataFrame(columns, index=table.Index(self.time_s, name="time_s"))
 
     @classmethod
     def from_pandas(cls, frame: "pandas.DataFrame", map: Any = None) -> "Recording":
@@ -622,8 +555,6 @@ class Recording:
         >>> Recording.from_pandas(frame[frame.index < 100]).readings_T.shape
         (100, 4, 3)
         """
-        from importlib import import_module
-
         # The readers of files know tables too; their room is above the model, which does not import it.
         made: Recording = import_module("tam_calibration.recordings.recording_file").recording_of_frame(frame, map)
         return made
@@ -653,7 +584,17 @@ class Recording:
         >>> dataset["scalar_T"].attrs["units"]
         'T'
         """
-        return to_xarray(self.values())
+        values = self.values()
+        time = ("time_s", values.pop("time_s"), {"units": "s"})
+        variables = {}
+        for name, value in values.items():
+            unit, dimensions = _variable(name)
+            variables[name] = (dimensions, value, {"units": unit})
+        used = {dimension for dimensions, _, _ in variables.values() for dimension in dimensions}
+        labels = {name: label for name, label in _COMPONENTS.items() if name in used}
+        coordinates = {"time_s": time, "sensor": np.arange(1, self.sensor_count + 1), **labels}
+        dataset: xarray.Dataset = _library("xarray").Dataset(variables, coordinates)
+        return dataset
 
     @classmethod
     def from_xarray(cls, dataset: "xarray.Dataset") -> "Recording":
@@ -682,7 +623,24 @@ class Recording:
         >>> Recording.from_xarray(dataset.isel(time_s=slice(100))).readings_T.shape
         (100, 4, 3)
         """
-        return cls.of_values(from_xarray(dataset))
+        if others := [name for name in dataset.data_vars if name not in _VARIABLES and not is_further(str(name))]:
+            raise InputError(f"variable {others[0]!r} is not known: a recording has {', '.join(_VARIABLES)}")
+        if missing := [name for name in ("time_s", "readings_T") if name not in dataset.variables]:
+            raise InputError(
+                f"variable {missing[0]!r} is missing: a recording has {', '.join(('time_s', *_VARIABLES))}"
+            )
+        values = {"time_s": np.asarray(dataset["time_s"], dtype=float)}
+        for name in map(str, dataset.data_vars):
+            variable = dataset[name]
+            own_unit, dimensions = _variable(name)
+            if (unit := variable.attrs.get("units", own_unit)) != own_unit:
+                raise InputError(f"variable {name} is in {unit!r} and must be in {own_unit!r}")
+            try:
+                chosen = {each: _COMPONENTS[each] for each in dimensions if each in _COMPONENTS}
+                values[name] = np.asarray(variable.transpose(*dimensions).sel(chosen), dtype=float)
+            except (KeyError, ValueError) as problem:
+                raise InputError(f"variable {name} must have the dimensions {dimensions}: {problem}") from None
+        return cls.of_values(values)
 
     def check_plausible(self, field: FieldBounds = EARTH_FIELD) -> None:
         """Check that readings and scalar can be those of a field in tesla that the array was turned in.
