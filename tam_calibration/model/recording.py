@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-_COLUMN = re.compile(r"(current_(?:[2-9]|[1-9]\d))_A|actuator_([a-z][a-z0-9_]{0,40})")
-_TOPIC = re.compile(r"currents/(current_(?:[2-9]|[1-9]\d))|actuators/([a-z][a-z0-9_]{0,40})")
+_COLUMN = re.compile(r"current_(?:[2-9]|[1-9]\d)_A|actuator_[a-z][a-z0-9_]{0,40}")
 
 
 def is_further(name: str) -> bool:
@@ -42,17 +41,16 @@ def unit_of(name: str) -> str:
 
 def topic_of(name: str) -> str:
     """Return the relative topic of a further channel, messages of which hold one number."""
-    match = _COLUMN.fullmatch(name)
-    assert match is not None
-    return f"currents/{match[1]}" if match[1] else f"actuators/{match[2]}"
+    if name.startswith("current"):
+        return f"currents/{name.removesuffix('_A')}"
+    return f"actuators/{name.removeprefix('actuator_')}"
 
 
 def named_by(topic: str) -> str | None:
     """Return the name of the further channel with a relative topic; None where it is another topic."""
-    match = _TOPIC.fullmatch(topic)
-    if match is None:
-        return None
-    return f"{match[1]}_A" if match[1] else f"actuator_{match[2]}"
+    kind, _, name = topic.partition("/")
+    column = {"currents": f"{name}_A", "actuators": f"actuator_{name}"}.get(kind, "")
+    return column if is_further(column) else None
 
 
 def require_further(names: Iterable[str]) -> tuple[str, ...]:
