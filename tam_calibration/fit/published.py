@@ -158,10 +158,8 @@ def first_order(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     right = moments[..., :9, 10] - moments[..., :9, :3].sum(axis=-1)
     unknowns = np.linalg.solve(moments[..., :9, :9], right[..., None])[..., 0]
     unmix = np.zeros((*unknowns.shape[:-1], 3, 3))
-    for axis in range(3):
-        unmix[..., axis, axis] = 1 + unknowns[..., axis] / 2
-    unmix[..., 0, 1], unmix[..., 0, 2], unmix[..., 1, 2] = np.moveaxis(unknowns[..., 3:6], -1, 0)
-    return unmix, -unknowns[..., 6:] / 2
+    unmix[..., ellipsoid.ROWS, ellipsoid.COLUMNS] = unknowns[..., :6] / [2, 2, 2, 1, 1, 1]
+    return unmix + np.eye(3), -unknowns[..., 6:] / 2
 
 
 def artificial_vector(recording: SampleSource, array: Array) -> Calibration:
