@@ -62,7 +62,7 @@ def _shifts() -> FloatArray:
 _SHIFT = _shifts()
 
 
-def monomial_columns(points: FloatArray, intensity: FloatArray, out: FloatArray | None = None) -> FloatArray:
+def monomial_columns(points: FloatArray, intensity: FloatArray) -> FloatArray:
     """Return the monomials of points and intensity, in the order of the moments.
 
     Parameters
@@ -71,15 +71,13 @@ def monomial_columns(points: FloatArray, intensity: FloatArray, out: FloatArray 
         Readings of one sensor, of order one.
     intensity : (N,) array
         Reference intensity s of each sample, in the same unit.
-    out : (11, N) array, optional
-        Where to write the monomials; by default a new array.
 
     Returns
     -------
     (11, N) array
-        ``out``, or the new array.
+        A row for each monomial.
     """
-    columns = np.empty((11, points.shape[1])) if out is None else out
+    columns = np.empty((11, points.shape[1]))
     np.multiply(points, points, out=columns[:3])
     np.multiply(points[0], points[1:], out=columns[3:5])
     np.multiply(points[1], points[2], out=columns[5])

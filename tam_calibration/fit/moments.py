@@ -107,9 +107,8 @@ def gather(
         if with_platform:
             mean = points[:-1].reshape(sensors - 1, 3, -1).mean(axis=0)
             points = np.concatenate([points[:-1], mean, points[-1:]])
-        monomials = np.empty((11, points.shape[1]))
         for sensor in range(sensors):
-            ellipsoid.monomial_columns(points[3 * sensor : 3 * sensor + 3], intensity, monomials)
+            monomials = ellipsoid.monomial_columns(points[3 * sensor : 3 * sensor + 3], intensity)
             quartic[:, sensor] += _products_of_runs(monomials, groups)
         joint += _products_of_runs(points, groups)
     return Moments(_with_each_left_out(quartic), _with_each_left_out(joint), data)

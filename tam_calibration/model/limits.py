@@ -1,7 +1,6 @@
 """What no measurement of an array goes beyond: a larger number is of another unit, or damage, and may overflow."""
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -26,7 +25,6 @@ is no larger in its unit. A quaternion has length 1, and drivers that do not div
 farther than twice around the Earth."""
 
 
-@cache
 def largest_of(stream: str) -> float:
     """Return the size that no value of a stream goes beyond: of a channel, a further channel or a sensor."""
     return LARGEST.get("angular" if stream == "gyroscope" else stream.partition("_")[0], LARGEST["readings"])
