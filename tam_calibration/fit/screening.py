@@ -211,7 +211,9 @@ class _Judge:
         freedom = np.append(np.full(count, 3 if self._is_compared else 1), 1)
         distances = self._distances(some)
         scale = np.nanmedian(distances, axis=1) / [_MEDIANS[each] for each in freedom]
-        self.spread = float(np.max(np.nanmean(distances, axis=1) / freedom / np.minimum(scale, 1)))
+        # Distances are zero where an axis is constant.
+        least = np.clip(scale, np.finfo(float).tiny, 1)
+        self.spread = float(np.max(np.nanmean(distances, axis=1) / freedom / least))
         # Probability that a sound recording loses a sample.
         exponent = np.log(distances.size / 1e-3)
         # No χ² is larger with probability exp(-exponent), Laurent and Massart 2000, lemma 1.
