@@ -5,7 +5,6 @@ The laws are courses, gains, turns and matrices.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 from weakref import ref
 
@@ -26,14 +25,6 @@ class Coefficient:
 
     name: str
     unit: str
-
-
-@cache
-def _of_row(row: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows and columns of atoms that are all of one row."""
-    rows, columns = np.full(count, row), np.arange(count)
-    rows.flags.writeable = columns.flags.writeable = False
-    return rows, columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +80,8 @@ class Term:
             Regressor of each coefficient, tesla per unit of the coefficient.
         """
         sensor, axis = (SCALAR, None) if row == covariates.scalar_row else divmod(row, 3)
-        return cls(sensor, axis, name, tuple(coefficients), features, *_of_row(row, len(coefficients)))
+        count = len(coefficients)
+        return cls(sensor, axis, name, tuple(coefficients), features, np.full(count, row), np.arange(count))
 
     @property
     def key(self) -> Key:

@@ -78,7 +78,7 @@ class Regressors:
 
     def by_column(self, of_atoms: FloatArray) -> FloatArray:
         """Return the sums (P, ...) of values (J, ...) by atom."""
-        return of_atoms if self._scatter is None else self._scatter.T @ of_atoms
+        return self._scatter.T @ of_atoms
 
     def of_atoms(self, values: FloatArray) -> FloatArray:
         """Return values by feature and row (F, 3K + 1, ...) as those of the atoms (J, ...)."""
@@ -90,10 +90,8 @@ class Regressors:
         return of_atoms
 
     @cached_property
-    def _scatter(self) -> FloatArray | None:
-        """(J, P) sums of atoms to columns; None where they are the same."""
-        if np.array_equal(self.columns, np.arange(self.width)):
-            return None
+    def _scatter(self) -> FloatArray:
+        """(J, P) sums of atoms to columns."""
         scatter = np.zeros((len(self.columns), self.width))
         scatter[np.arange(len(self.columns)), self.columns] = 1
         return scatter

@@ -274,7 +274,8 @@ class WhitenedChannels:
         between = np.zeros((left.features.shape[1], right.features.shape[1]))
         common = np.zeros((left.width, right.width))
         for piece in self._pieces(part):
-            first, second = self.samples_of(left, piece), self.samples_of(right, piece)
+            first = self.samples_of(left, piece)
+            second = first if right is left else self.samples_of(right, piece)
             between += first[0] @ second[0].T
             if self._has_reference:
                 common += first[1] @ second[1].T
@@ -289,8 +290,6 @@ class WhitenedChannels:
     def samples_of(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
         """Return the features (F, n) of a design, 0 in samples not counted, and its effect on the whitened common mode.
 
-        For a short recording they are cached as long as the design exists.
-
         Parameters
         ----------
         design : Regressors
@@ -303,14 +302,6 @@ class WhitenedChannels:
         (F, n) array, (W, n) array
             W is the width of the design, or 0 without any reference.
         """
-        if len(self._taken) > ENOUGH_SAMPLES:
-            return self._compute_samples(design, piece)
-        if design not in self._known:
-            self._known[design] = self._compute_samples(design, slice(None))
-        features, common = self._known[design]
-        return features[:, piece], common[:, piece]
-
-    def _compute_samples(self, design: Regressors, piece: slice) -> tuple[FloatArray, FloatArray]:
         counted = self._taken[piece]
         features = np.ascontiguousarray(design.features[piece].T)
         if not counted.all():
@@ -320,10 +311,6 @@ class WhitenedChannels:
         by_atom = features[design.index]
         by_atom *= at_rows(self.slope[:, piece], design.rows)
         return features, design.by_column(by_atom)
-
-    @cached_property
-    def _known(self) -> "WeakKeyDictionary[Regressors, tuple[FloatArray, FloatArray]]":
-        return WeakKeyDictionary()
 
     @cached_property
     def _taken(self) -> NDArray[np.bool_]:

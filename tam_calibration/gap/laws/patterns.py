@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -191,7 +190,7 @@ def in_every_sensor(residual: Residual, law: "Candidate") -> Pattern | None:
 def functions_of_readings(residual: Residual, rows: Sequence[int], has_line: bool) -> FloatArray:
     """Return functions (N, r, F) of what axes sense, with those that offsets and gains are or without."""
     sensed = residual.sensed.T
-    parts = [residual.once(f"functions of row {row}", partial(_curves_and_loops, sensed[row])) for row in rows]
+    parts = [_curves_and_loops(sensed[row]) for row in rows]
     if has_line:
         one = np.ones(residual.count)
         parts = [np.column_stack([one, sensed[row], part]) for row, part in zip(rows, parts, strict=True)]
@@ -221,13 +220,9 @@ def of_motion(residual: Residual, place: int | str) -> Iterator[Pattern]:
 
 def _with_lags(residual: Residual) -> FloatArray:
     """Return the rate of the field as it is and after first-order lags (N, 12)."""
-
-    def computed() -> FloatArray:
-        step_s = float(np.median(np.diff(residual.time_s)))
-        lags = [lagged(residual.rate, residual.time_s, lag * step_s) for lag in (1.0, 4.0, 16.0)]
-        return np.column_stack([residual.rate, *lags])
-
-    return residual.once("rates with lags", computed)
+    step_s = float(np.median(np.diff(residual.time_s)))
+    lags = [lagged(residual.rate, residual.time_s, lag * step_s) for lag in (1.0, 4.0, 16.0)]
+    return np.column_stack([residual.rate, *lags])
 
 
 def in_scalar(residual: Residual) -> Iterator[Pattern]:
@@ -334,7 +329,7 @@ def _gradients(residual: Residual) -> Iterator[Pattern]:
         part = np.concatenate(of_sensors, axis=1)
         return np.asarray(part / np.sqrt(np.mean(part**2)))
 
-    second, third = (residual.once(f"potentials of degree {one}", partial(of_degree, one)) for one in (2, 3))
+    second, third = of_degree(2), of_degree(3)
     for features in (second, np.concatenate([second, third], axis=2)):
         yield _every("attitude", residual, features, "attitude")
 

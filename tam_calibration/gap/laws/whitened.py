@@ -1,6 +1,5 @@
 """The whitened residual of a recording, and what a disturbance of its rows does to it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -53,8 +52,6 @@ class Residual:
         Which samples count.
     index : (N,) array
         Which samples of the recording these are.
-    of_motion : dict
-        Functions of the motion that were computed before, by name; all residuals of a model share them.
     noise : float
         Variance of the recording's noise in units of the one that is reckoned with.
     """
@@ -75,7 +72,6 @@ class Residual:
     own: FloatArray
     live: NDArray[np.bool_]
     index: NDArray[np.intp]
-    of_motion: dict[str, FloatArray]
     noise: float = 1.0
 
     @property
@@ -108,12 +104,6 @@ class Residual:
         """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
         return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
 
-    def once(self, name: str, computed: Callable[[], FloatArray]) -> FloatArray:
-        """Return a function of the motion by its name, computed when it is asked for the first time."""
-        if name not in self.of_motion:
-            self.of_motion[name] = computed()
-        return self.of_motion[name]
-
     def of_field(self) -> tuple[FloatArray, FloatArray]:
         """Return the information (N, 3, 3) on shifts of the field at all sensors, and their products (N, 3, 1 + q)."""
         information, products = self.of_rows(np.arange(3 * self.sensor_count))
@@ -129,10 +119,6 @@ class Residual:
         ----------
         rows : (r,) array
         """
-        if len(rows) == 1 and rows[0] < 3 * self.sensor_count:  # a view of what the three axes have
-            sensor, axis = divmod(int(rows[0]), 3)
-            information, products = self.of_rows(3 * sensor + np.arange(3))
-            return information[:, axis : axis + 1, axis : axis + 1], products[:, axis : axis + 1]
         if self not in _LAST_BY_ROWS:
             _LAST_BY_ROWS.clear()
             _LAST_BY_ROWS[self] = {}
@@ -246,7 +232,6 @@ def residual_of(model: Model) -> Residual:
         own,
         np.ones(len(index), dtype=bool),
         index,
-        {},
     )
 
 
