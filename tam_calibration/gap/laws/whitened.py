@@ -6,6 +6,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.effects.covariates import to_world
 from tam_calibration.gap.floor import white_variance
 from tam_calibration.gap.model import Model
@@ -274,13 +275,7 @@ def _turning(rotation: FloatArray, time_s: FloatArray) -> FloatArray:
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """Return orthonormal directions (N, C, q) of the span of columns (N, C, p)."""
     flat = columns.reshape(-1, columns.shape[2])
-    products = flat.T @ flat
-    size = np.sqrt(np.diag(products))
-    inverse = np.divide(1, size, out=np.zeros(len(size)), where=size > 0)
-    values, vectors = np.linalg.eigh(products * inverse * inverse[:, None])
-    kept = values > 1e-9 * values[-1]
-    turned = inverse[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-    return np.asarray((flat @ turned).reshape(*columns.shape[:2], -1))
+    return np.asarray((flat @ whitening(flat.T @ flat, 1e-9)).reshape(*columns.shape[:2], -1))
 
 
 def _perpendicular(z: FloatArray, nuisance: FloatArray) -> FloatArray:
