@@ -70,7 +70,7 @@ class Sums:
 
         Parameters
         ----------
-        shifts : (N, f), (N, r, p) or (N, r, f) array
+        shifts : (N, r, f) or (N, r, p) array
         information, products : array
             Of each sample.
         bins : Bins
@@ -233,34 +233,26 @@ def normal_equations(
 
     Parameters
     ----------
-    shifts : (B, m, f) or (B, m, r, P) array
-        What a coefficient of one shifts each of r rows by: f values, for which each row has coefficients of its own,
+    shifts : (B, m, r, f) or (B, m, r, P) array
+        What a coefficient of one shifts each of r rows by: f values of each row, which has coefficients of its own,
         P = r f; or what each of P coefficients does to all rows.
     information : (B, m, r, r) array
         Of each sample on shifts of the rows.
     products : (B, m, r, 1 + q) array
         Of the responses to the rows with the residual, and with the nuisance directions.
     is_apart : bool
-        Whether each row has coefficients of its own for values (B, m, r, f) of its own.
+        Whether each row has coefficients of its own.
     """
     bins, count, rows, _ = information.shape
-    width = shifts.shape[-1]
-    if is_apart:
-        turned = shifts.transpose(2, 0, 3, 1)
-        weighed = ((information[:, :, one, :, None] * shifts).reshape(bins, count, -1) for one in range(rows))
-        own = np.stack([values @ each for values, each in zip(turned, weighed, strict=True)], axis=1)
-        right = np.stack([values @ products[:, :, one] for one, values in enumerate(turned)], axis=1)
-    elif shifts.ndim == 4 or rows == 1:
+    width = shifts.shape[3]
+    if not is_apart:
         flat = shifts.reshape(bins, -1, width)
-        own = np.swapaxes(flat, 1, 2) @ (information @ shifts.reshape(bins, count, rows, -1)).reshape(flat.shape)
-        right = np.swapaxes(flat, 1, 2) @ products.reshape(bins, count * rows, -1)
-        return own, right
-    else:
-        pairs = (shifts[:, :, :, None] * shifts[:, :, None]).reshape(bins, count, -1)
-        own = np.swapaxes(information.reshape(bins, count, -1), 1, 2) @ pairs
-        own = own.reshape(bins, rows, rows, width, width).swapaxes(2, 3)
-        right = (np.swapaxes(shifts, 1, 2) @ products.reshape(bins, count, -1)).reshape(bins, width, rows, -1)
-        right = right.swapaxes(1, 2)
+        own = np.swapaxes(flat, 1, 2) @ (information @ shifts).reshape(flat.shape)
+        return own, np.swapaxes(flat, 1, 2) @ products.reshape(bins, count * rows, -1)
+    turned = shifts.transpose(2, 0, 3, 1)
+    weighed = ((information[:, :, one, :, None] * shifts).reshape(bins, count, -1) for one in range(rows))
+    own = np.stack([values @ each for values, each in zip(turned, weighed, strict=True)], axis=1)
+    right = np.stack([values @ products[:, :, one] for one, values in enumerate(turned)], axis=1)
     return own.reshape(bins, rows * width, -1), right.reshape(bins, rows * width, -1)
 
 
@@ -294,14 +286,10 @@ class Normal:
 
     @classmethod
     def of(cls, shifts: FloatArray, information: FloatArray, products: FloatArray, is_apart: bool = False) -> "Normal":
-        """Return the equations of shifts (N, f), (N, r, P) or (N, r, f), as of ``normal_equations`` in one bin."""
+        """Return the equations of shifts (N, r, f) or (N, r, P), as of ``normal_equations`` in one bin."""
         own, right = normal_equations(shifts[None], information[None], products[None], is_apart)
-        trace = np.trace(information, axis1=1, axis2=2)
-        if is_apart:
-            most = np.tensordot(trace, shifts**2, 1).ravel()
-        else:
-            most = trace @ (shifts**2 if shifts.ndim == 2 else (shifts**2).sum(axis=1))
-        return cls(own[0], right[0], np.tile(most, len(own[0]) // len(most)), len(shifts))
+        most = np.tensordot(np.trace(information, axis1=1, axis2=2), shifts**2, 1)
+        return cls(own[0], right[0], most.ravel() if is_apart else most.sum(axis=0), len(shifts))
 
     def part(self, columns: NDArray[np.intp]) -> "Normal":
         """Return the equations of some columns."""

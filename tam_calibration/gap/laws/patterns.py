@@ -11,7 +11,7 @@ from tam_calibration.core.harmonics import fields
 from tam_calibration.core.least_squares import ROUNDING
 from tam_calibration.effects.recursions import lagged, play
 from tam_calibration.gap.laws.evidence import Bins, Fit, Normal, Sums, course
-from tam_calibration.gap.laws.law import SCALAR
+from tam_calibration.gap.laws.law import SCALAR, Place
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
@@ -32,17 +32,17 @@ class Pattern:
         The axes that are disturbed.
     rows : (r,) array
         Rows that it shifts.
-    shifts : (N, f), (N, r, p) or (N, r, f) array
-        What a coefficient of one shifts each row by, in units of the field or of the row: f values, for which each row
-        has coefficients of its own, p = r f; or what each of p coefficients does to all rows; or f values of each row.
+    shifts : (N, r, f) or (N, r, p) array
+        What a coefficient of one shifts each row by, in units of the field or of the row: f values of each row, which
+        has coefficients of its own, p = r f; or what each of p coefficients does to all rows.
     follows : str, optional
         A recorded channel, "motion", "attitude", or a frequency.
     drive : (N, c) array, optional
         What the shifts are multiplied by.
     matrix : (r, 3) array, optional
-        From the field to the rows, where each component of the field at all sensors has coefficients of its own.
+        From the field to the rows, where each component of the field at all sensors takes the place of a row.
     is_apart : bool
-        Whether each row has values and coefficients of its own.
+        Whether each row has coefficients of its own.
     """
 
     law: str
@@ -53,34 +53,29 @@ class Pattern:
     follows: str | None = None
     drive: FloatArray | None = None
     matrix: FloatArray | None = None
-    is_apart: bool = False
+    is_apart: bool = True
 
     @property
     def features(self) -> FloatArray:
         """(N, r, p) shift of each row by each coefficient."""
-        if self.is_apart:
-            eye = np.eye(len(self.rows))
-            return np.asarray((eye[:, :, None] * self.shifts[:, :, None]).reshape(len(self.shifts), len(self.rows), -1))
-        if self.shifts.ndim == 3:
+        if not self.is_apart:
             return self.shifts
         matrix = np.eye(len(self.rows)) if self.matrix is None else self.matrix
-        return np.asarray(np.einsum("rs,nf->nrsf", matrix, self.shifts).reshape(len(self.shifts), len(matrix), -1))
+        return np.asarray(np.einsum("rs,nsf->nrsf", matrix, self.shifts).reshape(len(self.shifts), len(matrix), -1))
 
     @property
     def width(self) -> int:
         """Number of coefficients p."""
-        each = len(self.rows) if self.matrix is None else self.matrix.shape[1]
-        return int(self.shifts.shape[-1]) * (1 if self.shifts.ndim == 3 and not self.is_apart else each)
+        _, rows, each = self.shifts.shape
+        return int(rows * each if self.is_apart else each)
 
     def parts(self) -> Iterator[tuple["Pattern", NDArray[np.intp]]]:
         """Yield it, and where the axes of a sensor have coefficients of their own each axis, with their columns."""
         columns = np.arange(self.width)
         yield self, columns
-        if len(self.rows) == len(AXES) and (self.shifts.ndim == 2 or self.is_apart):
+        if len(self.rows) == len(AXES) and self.is_apart:
             for axis, own in enumerate(np.split(columns, len(AXES))):
-                shifts = self.shifts[:, axis] if self.is_apart else self.shifts
-                rows = self.rows[axis : axis + 1]
-                yield replace(self, axes=(AXES[axis],), rows=rows, shifts=shifts, is_apart=False), own
+                yield replace(self, axes=(AXES[axis],), rows=self.rows[[axis]], shifts=self.shifts[:, [axis]]), own
 
     def columns(self, residual: Residual) -> FloatArray:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
@@ -95,15 +90,11 @@ class Pattern:
     def size(self, residual: Residual) -> float:
         """Return the root mean square of the columns of its features; infinite where the channels do not see them."""
         information, _ = self.of_rows(residual)
-        trace = np.trace(information, axis1=1, axis2=2)
-        if self.shifts.ndim == 2:
-            square = most = float(trace @ np.sum(self.shifts**2, axis=1))
-        elif self.is_apart:
+        most = float(np.trace(information, axis1=1, axis2=2) @ np.sum(self.shifts**2, axis=(1, 2)))
+        if self.is_apart:
             square = float(np.einsum("nrr,nrf->", information, self.shifts**2))
-            most = float(trace @ np.sum(self.shifts**2, axis=(1, 2)))
         else:
             square = float(np.sum(self.shifts * (information @ self.shifts)))
-            most = float(trace @ np.sum(self.shifts**2, axis=(1, 2)))
         return float(np.sqrt(square / (residual.count * self.width))) if square > ROUNDING * most else np.inf
 
     def normal(self, residual: Residual) -> Normal:
@@ -126,30 +117,36 @@ def sensor_rows(sensor: int) -> NDArray[np.intp]:
     return 3 * (sensor - 1) + np.arange(3)
 
 
-def _whole(law: str, sensor: int, shifts: FloatArray, follows: str | None = None) -> Pattern:
-    """Return a pattern of all axes of a sensor with shifts (N, f), each with its own coefficients, or (N, 3, p)."""
-    return Pattern(law, (sensor,), tuple(AXES), sensor_rows(sensor), shifts, follows)
+def _at(
+    law: str, residual: Residual, place: Place, shifts: FloatArray, follows: str | None = None, is_apart: bool = True
+) -> Pattern:
+    """Return a pattern of all axes of sensors or of the scalar, with shifts (N, f) of each row or (N, r, p) of all."""
+    rows = _rows_of(residual, place)
+    if shifts.ndim == 2:
+        shifts = np.broadcast_to(shifts[:, None], (len(shifts), len(rows), shifts.shape[1]))
+    return Pattern(law, place, () if place == SCALAR else tuple(AXES), rows, shifts, follows, is_apart=is_apart)
 
 
-def _of_scalar(law: str, residual: Residual, values: FloatArray, follows: str | None = None) -> Pattern:
-    """Return a pattern of the scalar with shifts (N, f)."""
-    return Pattern(law, SCALAR, (), np.array([3 * residual.sensor_count]), values, follows)
+def _rows_of(residual: Residual, place: Place) -> NDArray[np.intp]:
+    """Return the rows of sensors or of the scalar."""
+    if place == SCALAR:
+        return np.array([3 * residual.sensor_count])
+    return np.concatenate([sensor_rows(int(one)) for one in place])
+
+
+def _every(residual: Residual) -> Place:
+    """Return the place of all sensors."""
+    return tuple(range(1, residual.sensor_count + 1))
 
 
 def _axis(law: str, sensor: int, axis: int, values: FloatArray) -> Pattern:
     """Return a pattern of one axis of a sensor with shifts (N, f)."""
-    return Pattern(law, (sensor,), (AXES[axis],), sensor_rows(sensor)[axis : axis + 1], values)
+    return Pattern(law, (sensor,), (AXES[axis],), sensor_rows(sensor)[[axis]], values[:, None])
 
 
-def _every(law: str, residual: Residual, shifts: FloatArray, follows: str | None = None) -> Pattern:
-    """Return a pattern of all sensors with shifts (N, f), each row with its own coefficients, or (N, 3K, p)."""
-    sensors = tuple(range(1, residual.sensor_count + 1))
-    return Pattern(law, sensors, tuple(AXES), np.arange(3 * len(sensors)), shifts, follows)
-
-
-def _scaling(law: str, sensor: int, values: FloatArray) -> Iterator[Pattern]:
+def _scaling(law: str, residual: Residual, sensor: int, values: FloatArray) -> Iterator[Pattern]:
     """Yield patterns that are multiples of values of the axes (N, 3): of all axes with one coefficient, and of one."""
-    yield _whole(law, sensor, values[:, sensor_rows(sensor), None])
+    yield _at(law, residual, (sensor,), values[:, sensor_rows(sensor), None], is_apart=False)
     for axis, row in enumerate(sensor_rows(sensor)):
         yield _axis(law, sensor, axis, values[:, row, None])
 
@@ -157,11 +154,12 @@ def _scaling(law: str, sensor: int, values: FloatArray) -> Iterator[Pattern]:
 def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
     """Yield offset, gain and rate laws of one sensor; of one axis alone where it is no part of those of all axes."""
     sensed = residual.sensed[:, sensor_rows(sensor)]
-    yield _whole("offset", sensor, np.ones((residual.count, 1)))
-    yield _whole("gain", sensor, residual.field)
-    yield from _scaling("gain", sensor, residual.sensed)
-    yield _whole("gain", sensor, np.cross(np.eye(3)[None], sensed[:, None]).transpose(0, 2, 1))
-    yield from _scaling("rate", sensor, residual.sensed_rate)
+    turned = np.cross(np.eye(3)[None], sensed[:, None]).transpose(0, 2, 1)
+    yield _at("offset", residual, (sensor,), np.ones((residual.count, 1)))
+    yield _at("gain", residual, (sensor,), residual.field)
+    yield from _scaling("gain", residual, sensor, residual.sensed)
+    yield _at("gain", residual, (sensor,), turned, is_apart=False)
+    yield from _scaling("rate", residual, sensor, residual.sensed_rate)
 
 
 def in_every_sensor(residual: Residual, law: "Candidate") -> Pattern | None:
@@ -176,15 +174,16 @@ def in_every_sensor(residual: Residual, law: "Candidate") -> Pattern | None:
     pattern, drive = law.pattern, law.drive(residual)
     if pattern.law == "own_field":
         own = functions_of_readings(residual, range(3 * residual.sensor_count), has_line=bool(law.steps))
-        return replace(_every(pattern.law, residual, own * drive[:, None, :1], pattern.follows), is_apart=True)
+        return _at(pattern.law, residual, _every(residual), own * drive[:, None, :1], pattern.follows)
     steady = {"offset": np.ones((residual.count, 1)), "gain": residual.field, "rate": residual.rate}
-    is_narrow = pattern.shifts.ndim == 3 or pattern.shifts.shape[1] == (1 if pattern.drive is None else drive.shape[1])
+    of_row = pattern.shifts[:, 0]
+    is_narrow = not pattern.is_apart or of_row.shape[1] == (1 if pattern.drive is None else drive.shape[1])
     if pattern.matrix is not None or (is_narrow and pattern.law not in steady):
         return None
     if not is_narrow and pattern.drive is not None:
-        return _every(pattern.law, residual, pattern.shifts, pattern.follows)
-    values = steady[pattern.law] if is_narrow else pattern.shifts
-    return _every(pattern.law, residual, values, pattern.follows).times(drive, pattern.follows)
+        return _at(pattern.law, residual, _every(residual), of_row, pattern.follows)
+    values = steady[pattern.law] if is_narrow else of_row
+    return _at(pattern.law, residual, _every(residual), values).times(drive, pattern.follows)
 
 
 def functions_of_readings(residual: Residual, rows: Sequence[int], has_line: bool) -> FloatArray:
@@ -201,12 +200,12 @@ def changed_own_field(residual: Residual, sensor: int, axes: tuple[str, ...]) ->
     """Return functions of the own readings of some axes of a sensor, with those that offsets and gains are."""
     rows = sensor_rows(sensor)[[AXES.index(axis) for axis in axes]]
     own = functions_of_readings(residual, rows.tolist(), has_line=True)
-    return Pattern("own_field", (sensor,), axes, rows, own, is_apart=True)
+    return Pattern("own_field", (sensor,), axes, rows, own)
 
 
 def switched_gains(residual: Residual, sensor: int) -> list[Pattern]:
     """Return gains of a sensor that change together with its offsets, of all axes and of one."""
-    both = _whole("gain", sensor, np.column_stack([residual.field, np.ones(residual.count)]))
+    both = _at("gain", residual, (sensor,), np.column_stack([residual.field, np.ones(residual.count)]))
     return [part for part, _ in both.parts()]
 
 
@@ -214,7 +213,7 @@ def of_motion(residual: Residual, place: int | str) -> Iterator[Pattern]:
     """Yield laws of a place that go with the motion: its own reading, rates with a free matrix, directions."""
     if place != "scalar":
         yield from _own_fields(residual, int(place))
-        yield from (_whole("rate", int(place), rates) for rates in (residual.rate, _with_lags(residual)))
+        yield from (_at("rate", residual, (place,), rates) for rates in (residual.rate, _with_lags(residual)))
     yield from _attitudes(residual, place)
 
 
@@ -227,22 +226,24 @@ def _with_lags(residual: Residual) -> FloatArray:
 
 def in_scalar(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of the scalar."""
-    yield _of_scalar("offset", residual, np.ones((residual.count, 1)))
-    yield _of_scalar("gain", residual, residual.field)
+    yield _at("offset", residual, SCALAR, np.ones((residual.count, 1)))
+    yield _at("gain", residual, SCALAR, residual.field)
 
 
 def everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of all sensors: rates, the same in all and of each its own, and a field that is not uniform."""
     yield from _gradients(residual)
-    yield _every("rate", residual, residual.sensed_rate[:, :, None])
+    every = _every(residual)
+    yield _at("rate", residual, every, residual.sensed_rate[:, :, None], is_apart=False)
     for rates in (residual.rate, _with_lags(residual)):
-        yield replace(_every("rate", residual, rates), matrix=residual.matrix)
-    yield _every("rate", residual, residual.rate)
+        shifts = np.broadcast_to(rates[:, None], (len(rates), 3, rates.shape[1]))
+        yield replace(_at("rate", residual, every, shifts), matrix=residual.matrix)
+    yield _at("rate", residual, every, residual.rate)
 
 
 def offsets_everywhere(residual: Residual) -> Pattern:
     """Return an offset of each axis of all sensors."""
-    return _every("offset", residual, np.ones((residual.count, 1)))
+    return _at("offset", residual, _every(residual), np.ones((residual.count, 1)))
 
 
 def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
@@ -250,7 +251,7 @@ def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
     rows = sensor_rows(sensor)
     for axis, row in enumerate(rows):
         yield _axis("own_field", sensor, axis, _beyond(residual, row))
-    yield replace(_whole("own_field", sensor, functions_of_readings(residual, rows.tolist(), False)), is_apart=True)
+    yield _at("own_field", residual, (sensor,), functions_of_readings(residual, rows.tolist(), False))
 
 
 def _beyond(residual: Residual, row: int) -> FloatArray:
@@ -296,10 +297,7 @@ def _attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
             functions.append(("attitude", _bent(up, residual.field)))
     for law, values in functions:
         follows = "attitude" if law == "attitude" else "motion"
-        if sensor == "scalar":
-            yield _of_scalar(law, residual, values, follows)
-        else:
-            yield _whole(law, int(sensor), values, follows)
+        yield _at(law, residual, (sensor,), values, follows)
 
 
 def _bent(up: FloatArray, field: FloatArray) -> FloatArray:
@@ -311,7 +309,7 @@ def bent_everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield rotations of every sensor that follow gravity, each its own."""
     if residual.up is not None:
         bent = _bent(residual.up, residual.field)
-        yield _every("attitude", residual, bent, "attitude")
+        yield _at("attitude", residual, _every(residual), bent, "attitude")
 
 
 def _gradients(residual: Residual) -> Iterator[Pattern]:
@@ -331,7 +329,7 @@ def _gradients(residual: Residual) -> Iterator[Pattern]:
 
     second, third = of_degree(2), of_degree(3)
     for features in (second, np.concatenate([second, third], axis=2)):
-        yield _every("attitude", residual, features, "attitude")
+        yield _at("attitude", residual, _every(residual), features, "attitude", is_apart=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,11 +387,12 @@ class Candidate:
     def fitted(self, residual: Residual, with_errors: bool = False) -> Fit:
         """Return the fit to a residual."""
         if self.steps:
-            return Normal.of(self.features(residual), *self.pattern.of_rows(residual)).fit()
+            return Normal.of(self.features(residual), *residual.of_rows(self.pattern.rows)).fit()
         if self.bins is None:
             pattern = self.pattern
-            shifts = pattern.shifts / pattern.size(residual)
-            return Normal.of(shifts, *pattern.of_rows(residual), pattern.is_apart).fit()
+            return Normal.of(
+                pattern.shifts / pattern.size(residual), *pattern.of_rows(residual), pattern.is_apart
+            ).fit()
         return course(self.pattern.sums(residual, self.bins), self.length, np.array([self.variance]), with_errors)
 
     def signal(self, residual: Residual, training: Residual) -> FloatArray:
