@@ -15,7 +15,7 @@ from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
-from tam_calibration.gap.laws.law import CHANCE, Signature, acts_at, agrees, at_place, usual_law
+from tam_calibration.gap.laws.law import CHANCE, Signature, acts_at, agrees, usual_law
 from tam_calibration.gap.laws.law import Place as LawPlace
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
@@ -72,7 +72,7 @@ def numbered_causes(found: Search, model: Model, size: Size, chances: Mapping[st
                 units_of(effect, model.errors, model.array),
                 sensors,
                 axes,
-                at_place(step.law, sensors, axes),
+                step.law.at_place(sensors, axes),
                 chances.get(effect.effect, 0.0),
                 weight,
                 step.accepted.delta_bic,

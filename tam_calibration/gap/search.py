@@ -20,19 +20,7 @@ from tam_calibration.gap.causes import sensors_and_axes
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
-from tam_calibration.gap.laws.law import (
-    ATTITUDE,
-    FREE,
-    SCALAR,
-    Place,
-    Signature,
-    acts_at,
-    as_made_by,
-    at_place,
-    makes,
-    may_make,
-    usual_law,
-)
+from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Place, Signature, acts_at, makes, may_make, usual_law
 from tam_calibration.gap.laws.scatter import repeated
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
@@ -40,16 +28,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence, evidence_of, examine, sharpened, unusable
-from tam_calibration.gap.steps import (
-    LEAST_EVIDENCE,
-    MOST_CAUSES,
-    Search,
-    Step,
-    absorbed,
-    is_elsewhere,
-    is_new,
-    special_case,
-)
+from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_new, special_case
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
@@ -325,8 +304,8 @@ class _CauseSearch:
 
         The models of causes are right to some per cent.
         """
-        elsewhere = is_elsewhere(law.signature, self._steps)
-        return bool(self._steps) and law.signature.energy < (LEAST_SHARE if elsewhere else MINOR)
+        is_elsewhere = law.signature.is_apart_from(step.law for step in self._steps)
+        return bool(self._steps) and law.signature.energy < (LEAST_SHARE if is_elsewhere else MINOR)
 
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
@@ -376,10 +355,10 @@ class _CauseSearch:
         accepted = list[Evidence]()
         for one in chain:
             accepted.append(absorbed(one, self._steps))
-            form, made = accepted[-1].form, as_made_by(one.effect, law.signature)
+            form, made = accepted[-1].form, law.signature.as_made_by(one.effect)
             # Samples that are far off by much are so by little in all sensors: the law tells where they are.
             if isinstance(form, Hypothesis) or ALL not in sensors_of(places_of(form)):
-                made = at_place(made, *sensors_and_axes(places_of(form), self._model.recording))
+                made = made.at_place(*sensors_and_axes(places_of(form), self._model.recording))
             self._steps.append(Step(accepted[-1], made, tuple(dict.fromkeys(as_good))))
         self._model = left.model if accepted == chain else self._with(accepted)
         return left

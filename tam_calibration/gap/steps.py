@@ -204,8 +204,8 @@ class Search:
     @property
     def explains_all(self) -> bool:
         """Whether the causes explain the laws: they leave a small part in their sensors, and nothing elsewhere."""
-        elsewhere = any(is_elsewhere(law.signature, self.steps) for law in self.remaining)
-        return self.open_part < MINOR and not elsewhere
+        is_elsewhere = any(law.signature.is_apart_from(step.law for step in self.steps) for law in self.remaining)
+        return self.open_part < MINOR and not is_elsewhere
 
     @property
     def is_clean(self) -> bool:
@@ -220,17 +220,3 @@ class Search:
         base = self.model.base()
         spent = base.rank + sum(finding.parameter_count for finding in self.model.findings)
         return -base.channels.count * log(base.energy / base.channels.count) - spent * log(base.channels.count)
-
-
-def is_elsewhere(law: Signature, steps: Sequence[Step]) -> bool:
-    """Say whether a law sits in no sensor in which the law of a cause may sit.
-
-    Parameters
-    ----------
-    law : Signature
-    steps : sequence of Step
-        The causes.
-    """
-    return {one for place in law.places for one in place}.isdisjoint(
-        one for step in steps for place in step.law.places for one in place
-    )

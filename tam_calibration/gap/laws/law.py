@@ -1,7 +1,7 @@
 """One law of a gap, as the answer states it, and the causes that can make it."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -82,6 +82,54 @@ class Signature:
     def is_common(self) -> bool:
         """Whether the residual of the intensity alone shows it: an error of the scalar, or a field at all sensors."""
         return not self.axes
+
+    def is_apart_from(self, laws: Iterable["Signature"]) -> bool:
+        """Say whether it sits in no sensor in which one of some laws may sit."""
+        own = {one for place in self.places for one in place}
+        return own.isdisjoint(one for law in laws for place in law.places for one in place)
+
+    def as_made_by(self, effect: str) -> "Signature":
+        """Return the law as that of the effect that leaves nothing of it.
+
+        A free course of time imitates what goes with a slow motion, and noise whatever is not predicted. Then the law
+        and the course are the usual ones of the effect; those of an effect of a channel follow the channel.
+
+        Parameters
+        ----------
+        effect : str
+            Name of the effect; the table need not hold it.
+        """
+        cause = next((one for one in CAUSES if one.name == effect), None)
+        if cause is None:
+            return self
+        is_chance = self.law in CHANCE and cause.law[0] not in CHANCE
+        is_makeable = self.law in cause.law and not is_chance
+        if "channel" in cause.course and cause.channel not in ("", "any"):
+            name = self.law if is_makeable else cause.law[0]
+            return replace(self, law=name, course="channel", follows=cause.channel)
+        if is_makeable and self.course in cause.course:
+            return self
+        name, course = cause.law[0], cause.course[0]
+        curve = self.curve if name == self.law else None
+        return replace(self, law=name, course=course, follows="motion" if course == "motion" else None, curve=curve)
+
+    def at_place(self, sensors: Place, axes: tuple[str, ...]) -> "Signature":
+        """Return the law at the place of its cause, where that is one of its sensors or all of them and more.
+
+        Of several sensors those in which a cause is small are left out. What several sensors have shows at the scalar
+        too.
+
+        Parameters
+        ----------
+        sensors, axes : tuple
+            Where the cause acts.
+        """
+        shows = {*sensors, *(SCALAR if len(sensors) > 1 else ())}
+        is_there = shows >= set(self.sensors) or (len(sensors) == 1 and sensors[0] in self.sensors)
+        law = self
+        if is_there and sensors not in self.places:
+            law = replace(self, sensors=sensors, places=(sensors,), axes=self.axes or axes)
+        return replace(law, axes=axes) if sensors == law.sensors and axes and set(axes) <= set(law.axes) else law
 
 
 def in_words(places: Sequence[Place], sensor_count: int, is_common: bool) -> str:
@@ -196,56 +244,9 @@ def may_make(effect: str, law: Signature) -> bool:
     return agrees(effect, law) if is_certain else makes(effect, law)
 
 
-def as_made_by(effect: str, law: Signature) -> Signature:
-    """Return a law as that of the effect that leaves nothing of it.
-
-    A free course of time imitates what goes with a slow motion, and noise whatever is not predicted. Then the law and
-    the course are the usual ones of the effect; those of an effect of a channel follow the channel.
-
-    Parameters
-    ----------
-    effect : str
-        Name of the effect; the table need not hold it.
-    law : Signature
-        As it was found.
-    """
-    cause = next((one for one in CAUSES if one.name == effect), None)
-    if cause is None:
-        return law
-    is_chance = law.law in CHANCE and cause.law[0] not in CHANCE
-    is_makeable = law.law in cause.law and not is_chance
-    if "channel" in cause.course and cause.channel not in ("", "any"):
-        name = law.law if is_makeable else cause.law[0]
-        return replace(law, law=name, course="channel", follows=cause.channel)
-    if is_makeable and law.course in cause.course:
-        return law
-    name, course = cause.law[0], cause.course[0]
-    curve = law.curve if name == law.law else None
-    return replace(law, law=name, course=course, follows="motion" if course == "motion" else None, curve=curve)
-
-
 def usual_law(effect: str) -> str:
     """Return the usual law of an effect; empty for one that the table does not hold."""
     return next((one.law[0] for one in CAUSES if one.name == effect), "")
-
-
-def at_place(law: Signature, sensors: Place, axes: tuple[str, ...]) -> Signature:
-    """Return a law at the place of its cause, where that is one of its sensors or all of them and more.
-
-    Of several sensors those in which a cause is small are left out. What several sensors have shows at the scalar too.
-
-    Parameters
-    ----------
-    law : Signature
-        As it was found.
-    sensors, axes : tuple
-        Where the cause acts.
-    """
-    shows = {*sensors, *(SCALAR if len(sensors) > 1 else ())}
-    is_there = shows >= set(law.sensors) or (len(sensors) == 1 and sensors[0] in law.sensors)
-    if is_there and sensors not in law.places:
-        law = replace(law, sensors=sensors, places=(sensors,), axes=law.axes or axes)
-    return replace(law, axes=axes) if sensors == law.sensors and axes and set(axes) <= set(law.axes) else law
 
 
 def agrees(effect: str, law: Signature) -> bool:

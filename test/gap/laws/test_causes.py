@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tam_calibration.effects.library import installed_effects
-from tam_calibration.gap.laws.law import CAUSES, Signature, agrees, as_made_by, causes_of, makes, may_make
+from tam_calibration.gap.laws.law import CAUSES, Signature, agrees, causes_of, makes, may_make
 
 ROOT = Path(__file__).parents[3]
 LAWS = {"offset", "gain", "rate", "own_field", "attitude", "noise", "samples"}
@@ -74,7 +74,7 @@ def test_an_effect_makes_a_law_by_what_it_does_to_a_reading(effect, found, expec
 )
 def test_the_law_of_a_cause_is_its_own(effect, found, expected):
     """A free course that imitates it, or noise, is not stated beside the cause; what the cause may be stays."""
-    made = as_made_by(effect, found)
+    made = found.as_made_by(effect)
     assert (made.law, made.course, made.follows) == expected
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Signature, at_place, in_words
+from tam_calibration.gap.laws.law import ATTITUDE, SCALAR, Signature, in_words
 
 
 @pytest.mark.parametrize(
@@ -40,22 +40,22 @@ def test_a_law_is_where_its_cause_is(sensors, axes, found):
     """A cause in one sensor, in some of its axes, or in more sensors tells where a law is; one in some does not."""
     every = (1, 2, 3, 4)
     law = Signature("rate", "constant", every, ("x", "y", "z"), 1.0, (every,), None, (), 100.0)
-    placed = at_place(law, sensors, axes)
+    placed = law.at_place(sensors, axes)
     assert (placed.sensors, placed.axes, placed.places) == (*found, (found[0],))
 
 
 def test_an_axis_of_a_cause_in_the_same_sensor():
     """A law of three axes of a sensor is of the one in which its cause is; the scalar has no axes."""
     law = Signature("offset", "step", (3,), ("x", "y", "z"), 1.0, ((3,),), None, (), 100.0)
-    assert at_place(law, (3,), ("z",)).axes == ("z",)
+    assert law.at_place((3,), ("z",)).axes == ("z",)
     either = replace(law, places=((3,), (1,)))
-    assert at_place(either, (3,), ("x", "y", "z")).places == either.places
+    assert either.at_place((3,), ("x", "y", "z")).places == either.places
     common = Signature("offset", "slow", SCALAR, (), 1.0, (SCALAR, (1, 2, 3, 4)), None, (), 100.0)
-    assert at_place(common, SCALAR, ()) == common
+    assert common.at_place(SCALAR, ()) == common
 
 
 def test_what_several_sensors_have_shows_at_the_scalar():
     """A law that was found at the scalar is in the sensors of its cause, if they are several."""
     law = Signature("rate", "constant", SCALAR, (), 1.0, (SCALAR,), None, (), 100.0)
-    assert at_place(law, (1, 2, 3, 4), ("x", "y", "z")).sensors == (1, 2, 3, 4)
-    assert at_place(law, (2,), ("x", "y", "z")) == law
+    assert law.at_place((1, 2, 3, 4), ("x", "y", "z")).sensors == (1, 2, 3, 4)
+    assert law.at_place((2,), ("x", "y", "z")) == law
