@@ -14,14 +14,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
 from tam_calibration.effects.covariates import LEAST_TURN, jumps, to_world
-from tam_calibration.effects.effect import (
-    Coefficient,
-    Covariates,
-    LinearEffect,
-    Sized,
-    Term,
-    WhitenedResiduals,
-)
+from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Sized, Term, WhitenedResiduals
 from tam_calibration.effects.lags import SLOWER, followed, time_constants_s
 from tam_calibration.effects.recursions import mode
 from tam_calibration.effects.term import matrix_terms, matrix_units, scalar_term

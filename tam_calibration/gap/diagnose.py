@@ -22,12 +22,7 @@ from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.field_direction import field_direction
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.noise import recorded_noise, remarks_on
-from tam_calibration.gap.nominal import (
-    ENOUGH_SAMPLES,
-    canonical_correlations,
-    open_parameters,
-    significant_correlation,
-)
+from tam_calibration.gap.nominal import ENOUGH_SAMPLES, canonical_correlations, open_parameters, significant_correlation
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.gap.search import Progress, search
 from tam_calibration.gap.steps import Search
