@@ -32,9 +32,10 @@ class Pattern:
         The axes that are disturbed.
     rows : (r,) array
         Rows that it shifts.
-    shifts : (N, r, f) or (N, r, p) array
+    shifts : (N, r, f), (N, 1, f) or (N, r, p) array
         What a coefficient of one shifts each row by, in units of the field or of the row: f values of each row, which
-        has coefficients of its own, p = r f; or what each of p coefficients does to all rows.
+        has coefficients of its own, p = r f, or the same f values of all; or what each of p coefficients does to all
+        rows.
     follows : str, optional
         A recorded channel, "motion", "attitude", or a frequency.
     drive : (N, c) array, optional
@@ -56,17 +57,23 @@ class Pattern:
     is_apart: bool = True
 
     @property
+    def by_row(self) -> FloatArray:
+        """(N, r, f) or (N, r, p) shifts of each row, or of each component of the field."""
+        rows = len(self.rows) if self.matrix is None else self.matrix.shape[1]
+        return np.broadcast_to(self.shifts, (len(self.shifts), rows, self.shifts.shape[2]))
+
+    @property
     def features(self) -> FloatArray:
         """(N, r, p) shift of each row by each coefficient."""
         if not self.is_apart:
             return self.shifts
         matrix = np.eye(len(self.rows)) if self.matrix is None else self.matrix
-        return np.asarray(np.einsum("rs,nsf->nrsf", matrix, self.shifts).reshape(len(self.shifts), len(matrix), -1))
+        return np.asarray(np.einsum("rs,nsf->nrsf", matrix, self.by_row).reshape(len(self.shifts), len(matrix), -1))
 
     @property
     def width(self) -> int:
         """Number of coefficients p."""
-        _, rows, each = self.shifts.shape
+        _, rows, each = self.by_row.shape
         return int(rows * each if self.is_apart else each)
 
     def parts(self) -> Iterator[tuple["Pattern", NDArray[np.intp]]]:
@@ -75,7 +82,8 @@ class Pattern:
         yield self, columns
         if len(self.rows) == len(AXES) and self.is_apart:
             for axis, own in enumerate(np.split(columns, len(AXES))):
-                yield replace(self, axes=(AXES[axis],), rows=self.rows[[axis]], shifts=self.shifts[:, [axis]]), own
+                shifts = self.by_row[:, axis : axis + 1]
+                yield replace(self, axes=(AXES[axis],), rows=self.rows[[axis]], shifts=shifts), own
 
     def columns(self, residual: Residual) -> FloatArray:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
@@ -90,20 +98,21 @@ class Pattern:
     def size(self, residual: Residual) -> float:
         """Return the root mean square of the columns of its features; infinite where the channels do not see them."""
         information, _ = self.of_rows(residual)
-        most = float(np.trace(information, axis1=1, axis2=2) @ np.sum(self.shifts**2, axis=(1, 2)))
+        shifts = self.by_row
+        most = float(np.trace(information, axis1=1, axis2=2) @ np.sum(shifts**2, axis=(1, 2)))
         if self.is_apart:
-            square = float(np.einsum("nrr,nrf->", information, self.shifts**2))
+            square = float(np.einsum("nrr,nrf->", information, shifts**2))
         else:
-            square = float(np.sum(self.shifts * (information @ self.shifts)))
+            square = float(np.sum(shifts * (information @ shifts)))
         return float(np.sqrt(square / (residual.count * self.width))) if square > ROUNDING * most else np.inf
 
     def normal(self, residual: Residual) -> Normal:
         """Return the normal equations of constant coefficients."""
-        return Normal.of(self.shifts, *self.of_rows(residual), self.is_apart)
+        return Normal.of(self.by_row, *self.of_rows(residual), self.is_apart)
 
     def sums(self, residual: Residual, bins: Bins) -> Sums:
         """Return the sums of the columns in bins."""
-        return Sums.of(self.shifts / self.size(residual), *self.of_rows(residual), bins, self.is_apart)
+        return Sums.of(self.by_row / self.size(residual), *self.of_rows(residual), bins, self.is_apart)
 
     def times(self, course: FloatArray, follows: str | None = None) -> "Pattern":
         """Return the pattern with shifts times courses (N, c)."""
@@ -120,18 +129,12 @@ def sensor_rows(sensor: int) -> NDArray[np.intp]:
 def _at(
     law: str, residual: Residual, place: Place, shifts: FloatArray, follows: str | None = None, is_apart: bool = True
 ) -> Pattern:
-    """Return a pattern of all axes of sensors or of the scalar, with shifts (N, f) of each row or (N, r, p) of all."""
-    rows = _rows_of(residual, place)
-    if shifts.ndim == 2:
-        shifts = np.broadcast_to(shifts[:, None], (len(shifts), len(rows), shifts.shape[1]))
-    return Pattern(law, place, () if place == SCALAR else tuple(AXES), rows, shifts, follows, is_apart=is_apart)
-
-
-def _rows_of(residual: Residual, place: Place) -> NDArray[np.intp]:
-    """Return the rows of sensors or of the scalar."""
+    """Return a pattern of all axes of sensors, or of the scalar, with shifts (N, f) of each row or as the class has."""
+    shifts = shifts[:, None] if shifts.ndim == 2 else shifts
     if place == SCALAR:
-        return np.array([3 * residual.sensor_count])
-    return np.concatenate([sensor_rows(int(one)) for one in place])
+        return Pattern(law, place, (), np.array([3 * residual.sensor_count]), shifts, follows)
+    rows = np.concatenate([sensor_rows(int(one)) for one in place])
+    return Pattern(law, place, tuple(AXES), rows, shifts, follows, is_apart=is_apart)
 
 
 def _every(residual: Residual) -> Place:
@@ -236,8 +239,7 @@ def everywhere(residual: Residual) -> Iterator[Pattern]:
     every = _every(residual)
     yield _at("rate", residual, every, residual.sensed_rate[:, :, None], is_apart=False)
     for rates in (residual.rate, _with_lags(residual)):
-        shifts = np.broadcast_to(rates[:, None], (len(rates), 3, rates.shape[1]))
-        yield replace(_at("rate", residual, every, shifts), matrix=residual.matrix)
+        yield replace(_at("rate", residual, every, rates), matrix=residual.matrix)
     yield _at("rate", residual, every, residual.rate)
 
 
@@ -390,9 +392,8 @@ class Candidate:
             return Normal.of(self.features(residual), *residual.of_rows(self.pattern.rows)).fit()
         if self.bins is None:
             pattern = self.pattern
-            return Normal.of(
-                pattern.shifts / pattern.size(residual), *pattern.of_rows(residual), pattern.is_apart
-            ).fit()
+            shifts = pattern.by_row / pattern.size(residual)
+            return Normal.of(shifts, *pattern.of_rows(residual), pattern.is_apart).fit()
         return course(self.pattern.sums(residual, self.bins), self.length, np.array([self.variance]), with_errors)
 
     def signal(self, residual: Residual, training: Residual) -> FloatArray:

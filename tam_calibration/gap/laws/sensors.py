@@ -81,4 +81,4 @@ def _sensors_of(law: Candidate) -> list[int]:
 def _in(every: Pattern, sensors: Sequence[int]) -> Pattern:
     """Return a pattern of all sensors in some of them."""
     rows = np.concatenate([sensor_rows(one) for one in sensors])
-    return replace(every, sensors=tuple(sensors), rows=rows, shifts=every.shifts[:, rows])
+    return replace(every, sensors=tuple(sensors), rows=rows, shifts=every.by_row[:, rows])
