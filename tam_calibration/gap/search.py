@@ -383,7 +383,8 @@ class _CauseSearch:
     def _repeated(self, chain: Sequence[Evidence], law: Law) -> Evidence | None:
         """Return the next form of an effect that may happen more than once; None without evidence for it."""
         effect = effect_named(chain[0].effect)
-        if not effect.may_repeat or len(self._steps) + len(chain) == MOST_CAUSES:
+        is_staircase = len(chain) > 1 and law.signature.course == "slow"  # three steps or more imitate it
+        if not effect.may_repeat or is_staircase or len(self._steps) + len(chain) == MOST_CAUSES:
             return None
         model = self._with(chain)
         base = model.base()

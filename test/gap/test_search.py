@@ -38,6 +38,21 @@ def test_three_jumps_are_jumps(run):
     assert {(cause.fitted.effect, cause.sensors) for cause in gap.causes} == {("bias_jump", (2,))}
 
 
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_slow_fall_is_no_staircase(run, axes):
+    """A gain that falls by and by until it stays: three steps leave a fiftieth of it, and are no cause of it."""
+    made = run(2 * SAMPLES)
+    time_s = made.recording.time_s
+    since = np.maximum(time_s / time_s[-1] - 0.2, 0)
+    fallen = -np.expm1(-((since / 0.3) ** 1.5))
+    for row in range(3, 3 + axes):
+        reading_T = made.recording.readings_T.reshape(len(time_s), -1)[:, row]
+        made = made.with_row(row, -2e-4 * fallen * reading_T)
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.causes) == ("unexplained", ())
+    assert [(law.law, law.course, law.sensors) for law in gap.signature] == [("gain", "slow", (2,))]
+
+
 def test_what_comes_and_goes_is_no_jump(run):
     """A loose contact that changes sides eight times is none of the library, and its sensor is told."""
     made = switched(run(SAMPLES), [5.0, 11.0, 19.0, 24.0, 33.0, 40.0, 46.0, 55.0])

@@ -344,7 +344,10 @@ def _is_as_good_and_simpler(one: Candidate, first: Candidate) -> bool:
     takes its time, a channel is recorded with errors.
     """
     same = (one.pattern.law, one.pattern.sensors) == (first.pattern.law, first.pattern.sensors)
-    return _least_beside(first, same) <= one.evidence <= first.evidence and _freedom(one) <= _freedom(first) - 1
+    # Three steps or more imitate a slow course; two in neighbouring bins are one.
+    is_staircase = one.course == "step" and (np.diff(one.steps) > 1).sum() > 1 and first.course == "slow"
+    is_simpler = _freedom(one) <= _freedom(first) - 1 and not is_staircase
+    return _least_beside(first, same) <= one.evidence <= first.evidence and is_simpler
 
 
 def _least_beside(first: Candidate, is_same_law: bool) -> float:
