@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.messages.timeline import LONGEST_PERIOD_NS
 from tam_calibration.model.exceptions import InputError, quoted
+from tam_calibration.model.recording import SKETCH
 from tam_calibration.model.units import FloatArray, IntArray
 
 PER_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
@@ -87,12 +88,14 @@ def stamps_of_numbers(values: FloatArray, unit: str) -> tuple[IntArray, str]:
         )
     unit = unit if unit in PER_SECOND else detect_time_unit(values)
     per_second = PER_SECOND[unit]
-    if np.abs(values).max() / per_second >= 9.2e9:
-        raise InputError(f"a time is {np.abs(values).max():.3g} {unit}, beyond the year 2262: check its unit")
-    integers = np.floor(values)
-    ticks = 1_000_000_000 // per_second
-    fraction = np.rint((values - integers) * ticks).astype(np.int64)
-    return integers.astype(np.int64) * ticks + fraction, unit
+    largest = max(float(values.max()), -float(values.min()))
+    if largest / per_second >= 9.2e9:
+        raise InputError(f"a time is {largest:.3g} {unit}, beyond the year 2262: check its unit")
+    ticks, parts = 1_000_000_000 // per_second, []
+    for part in np.array_split(values, 1 + len(values) // SKETCH):  # the times of millions of rows take much memory
+        integers = np.floor(part)
+        parts.append(integers.astype(np.int64) * ticks + np.rint((part - integers) * ticks).astype(np.int64))
+    return np.concatenate(parts), unit
 
 
 def detect_time_unit(values: FloatArray) -> str:
