@@ -40,6 +40,7 @@ from tam_calibration.simulation import simulate
 
 IN_MEMORY = 1_000_000
 ON_DISK = (1_000_000, 3_000_000, 10_000_000)
+# What is asked of the figures: processor time and memory of fits, memory of the command, growth of time, and pandas.
 ASKED_SECONDS = {"lossless": 1.0, "maximum_likelihood": 3.0}
 ASKED_TIMES_DATA = 3.0
 ASKED_MIB = 400.0

@@ -185,7 +185,7 @@ class _Judge:
     fit : callable
         From samples and an array with every noise to the errors.
     source : SampleSource
-        Samples that it is made of, and that show the size of usual residuals.
+        Samples; some of them make the errors, and show the size of usual residuals.
     array : Array
         Where it states the noise, residuals that are smaller are no reason to judge more strictly.
     """

@@ -64,6 +64,8 @@ class TextSource(RowSource):
         is_numeric = time is not None and self.dialect.is_numeric(time) and not self.time_unit.startswith("%")
         wanted = [*numbers, time] if is_numeric and time is not None else numbers
         for number, lines in enumerate(self._pieces()):
+            if not lines or lines.isspace():
+                continue
             with in_file(self.path):
                 try:
                     values = parse(lines, self.dialect, wanted)
@@ -89,8 +91,7 @@ class TextSource(RowSource):
                 lines, rest = rest[:end], rest[end:] + read(PIECE)
                 if comment:
                     lines = re.sub(rb"(?:\A|(?<=[\r\n]))[ \t]*" + comment + rb"[^\r\n]*", b"", lines)
-                if lines and not lines.isspace():
-                    yield lines
+                yield lines
 
 
 class FrameSource(RowSource):
