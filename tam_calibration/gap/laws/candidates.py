@@ -49,11 +49,10 @@ def nearest(residual: Residual) -> list[int | str]:
 def held(residual: Residual, place: int | str) -> float:
     """Return the energy that a free shift of the rows of a place explains in every sample, beyond that of noise."""
     rows = np.array([3 * residual.sensor_count]) if place == "scalar" else patterns.sensor_rows(int(place))
-    information, products = residual.of_rows(rows)
+    information, score, _ = residual.of_rows(rows)
     trace = np.trace(information, axis1=1, axis2=2).mean()
     if trace <= 0:
         return -np.inf
-    score = products[:, :, :1]
     regular = information + 1e-6 * trace * np.eye(len(rows))
     solved = np.linalg.solve(regular, np.concatenate([score, information], axis=2))
     free = np.trace(solved[:, :, 1:], axis1=1, axis2=2).sum()
@@ -157,7 +156,7 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     """Return the frequency of most power in the scores of a pattern, and how many were tried."""
     from scipy.optimize import minimize_scalar
 
-    _, products = pattern.of_rows(residual)
+    _, products, _ = pattern.of_rows(residual)
     score = np.einsum("nrp,nr->np", pattern.features, products[:, :, 0])
     values, vectors = np.linalg.eigh(pattern.normal(residual).information / residual.count)
     kept = values > 1e-6 * values[-1]

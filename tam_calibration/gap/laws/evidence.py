@@ -62,29 +62,30 @@ class Sums:
         cls,
         shifts: FloatArray,
         information: FloatArray,
-        products: FloatArray,
+        score: FloatArray,
+        cross: FloatArray,
         bins: "Bins",
         is_apart: bool = False,
     ) -> "Sums":
-        """Return the sums of shifts of r rows with information (N, r, r) and products (N, r, 1 + q).
+        """Return the sums of shifts of r rows in N samples.
 
         Parameters
         ----------
         shifts : (N, r, f) or (N, r, p) array
-        information, products : array
-            Of each sample.
+        information, score, cross : array
+            Of each sample: (N, r, r), (N, r, 1) and (N, r, q), as of ``Residual.of_rows``.
         bins : Bins
         is_apart : bool
             As of ``normal_equations``.
         """
-        arranged = [bins.arranged(one) for one in (shifts, information, products)]
-        own, right = normal_equations(arranged[0], arranged[1], arranged[2], is_apart)
-        return cls(own, _fewer(right), bins.place, bins.is_first)
+        of_samples = [bins.arranged(one) for one in (information, score, cross)]
+        own, right = normal_equations(bins.arranged(shifts), of_samples[0], of_samples[1], of_samples[2], is_apart)
+        return cls(own, right, bins.place, bins.is_first)
 
     def part(self, columns: NDArray[np.intp], factor: float) -> "Sums":
         """Return the sums of some columns, multiplied by a factor."""
         own, right = self.information[:, columns[:, None], columns], self.products[:, columns]
-        return Sums(factor**2 * own, _fewer(factor * right), self.place, self.is_first)
+        return Sums(factor**2 * own, factor * right, self.place, self.is_first)
 
     def merged(self, bin_count: int) -> "Sums":
         """Return the sums over runs of neighbouring bins, about so many."""
@@ -227,7 +228,7 @@ def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def normal_equations(
-    shifts: FloatArray, information: FloatArray, products: FloatArray, is_apart: bool = False
+    shifts: FloatArray, information: FloatArray, score: FloatArray, cross: FloatArray, is_apart: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Return the information (B, P, P) on coefficients, and their products (B, P, 1 + q), in bins of m samples.
 
@@ -238,8 +239,8 @@ def normal_equations(
         P = r f; or what each of P coefficients does to all rows.
     information : (B, m, r, r) array
         Of each sample on shifts of the rows.
-    products : (B, m, r, 1 + q) array
-        Of the responses to the rows with the residual, and with the nuisance directions.
+    score, cross : (B, m, r, 1) and (B, m, r, q) array
+        Products of the responses to the rows with the residual, and with the nuisance directions.
     is_apart : bool
         Whether each row has coefficients of its own.
     """
@@ -248,20 +249,13 @@ def normal_equations(
     if not is_apart:
         flat = shifts.reshape(bins, -1, width)
         own = np.swapaxes(flat, 1, 2) @ (information @ shifts).reshape(flat.shape)
-        return own, np.swapaxes(flat, 1, 2) @ products.reshape(bins, count * rows, -1)
+        right = [np.swapaxes(flat, 1, 2) @ one.reshape(bins, count * rows, -1) for one in (score, cross)]
+        return own, np.concatenate(right, axis=2)
     turned = shifts.transpose(2, 0, 3, 1)
     weighed = ((information[:, :, one, :, None] * shifts).reshape(bins, count, -1) for one in range(rows))
     own = np.stack([values @ each for values, each in zip(turned, weighed, strict=True)], axis=1)
-    right = np.stack([values @ products[:, :, one] for one, values in enumerate(turned)], axis=1)
-    return own.reshape(bins, rows * width, -1), right.reshape(bins, rows * width, -1)
-
-
-def _fewer(products: FloatArray) -> FloatArray:
-    """Return products (B, p, 1 + q) with fewer nuisance directions: a row sees often a third of their combinations."""
-    cross = products[:, :, 1:].reshape(-1, products.shape[2] - 1)
-    shared, directions = np.linalg.eigh(cross.T @ cross)
-    seen = products[:, :, 1:] @ directions[:, shared > 1e-13 * shared[-1]]
-    return np.concatenate([products[:, :, :1], seen], axis=2)
+    right = [np.stack([values @ one[:, :, row] for row, values in enumerate(turned)], axis=1) for one in (score, cross)]
+    return own.reshape(bins, rows * width, -1), np.concatenate(right, axis=3).reshape(bins, rows * width, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,9 +279,11 @@ class Normal:
     count: int
 
     @classmethod
-    def of(cls, shifts: FloatArray, information: FloatArray, products: FloatArray, is_apart: bool = False) -> "Normal":
+    def of(
+        cls, shifts: FloatArray, information: FloatArray, score: FloatArray, cross: FloatArray, is_apart: bool = False
+    ) -> "Normal":
         """Return the equations of shifts (N, r, f) or (N, r, P), as of ``normal_equations`` in one bin."""
-        own, right = normal_equations(shifts[None], information[None], products[None], is_apart)
+        own, right = normal_equations(shifts[None], information[None], score[None], cross[None], is_apart)
         most = np.tensordot(np.trace(information, axis1=1, axis2=2), shifts**2, 1)
         return cls(own[0], right[0], most.ravel() if is_apart else most.sum(axis=0), len(shifts))
 

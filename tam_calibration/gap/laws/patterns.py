@@ -89,15 +89,15 @@ class Pattern:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
         return np.asarray(residual.response[:, :, self.rows] @ (self.features / self.size(residual)))
 
-    def of_rows(self, residual: Residual) -> tuple[FloatArray, FloatArray]:
-        """Return the information (N, r, r) on shifts of its rows, or of the field, and the products (N, r, 1 + q)."""
+    def of_rows(self, residual: Residual) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the information (N, r, r) on shifts of its rows, or of the field, and their products."""
         if self.matrix is not None:
             return residual.of_field()
         return residual.of_rows(self.rows)
 
     def size(self, residual: Residual) -> float:
         """Return the root mean square of the columns of its features; infinite where the channels do not see them."""
-        information, _ = self.of_rows(residual)
+        information, _, _ = self.of_rows(residual)
         shifts = self.by_row
         most = float(np.trace(information, axis1=1, axis2=2) @ np.sum(shifts**2, axis=(1, 2)))
         if self.is_apart:
@@ -108,7 +108,7 @@ class Pattern:
 
     def normal(self, residual: Residual) -> Normal:
         """Return the normal equations of constant coefficients."""
-        return Normal.of(self.by_row, *self.of_rows(residual), self.is_apart)
+        return Normal.of(self.by_row, *self.of_rows(residual), is_apart=self.is_apart)
 
     def sums(self, residual: Residual, bins: Bins) -> Sums:
         """Return the sums of the columns in bins."""

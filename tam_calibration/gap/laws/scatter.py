@@ -146,7 +146,7 @@ def _of_sizes(values: FloatArray, along: FloatArray) -> FloatArray:
     mean = max(float(values.mean()), 1e-300)
     sizes = SCATTER_SIZES / mean
     weighed = 1 + sizes[:, None, None] * values
-    return np.asarray(0.5 * (sizes[:, None, None] * along**2 / weighed - np.log(weighed)).sum(axis=2))
+    return np.asarray(0.5 * ((sizes[:, None, None] * along**2 / weighed).sum(axis=2) - np.log(weighed.prod(axis=2))))
 
 
 def _widened(of_sizes: FloatArray) -> float:

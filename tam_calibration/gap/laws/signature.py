@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.converter import find_lattices
-from tam_calibration.effects.grades import FEWEST, NEGLIGIBLE, NOTABLE
+from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, LEAST_SHARE, TIE
@@ -123,7 +123,9 @@ def _signatures(residual: Residual, whole: float) -> tuple[list[Signature], list
         return [lattice], []
     recording = residual.model.recording
     held = repeated(recording.readings_T)[residual.index]
-    lost = [one for one in range(held.shape[1]) if FEWEST <= held[:, one].sum() < held.shape[0] / 2]
+    # A sensor at half the rate repeats half of its readings, and has lost none.
+    is_lost = (held.sum(axis=0) >= FEWEST) & (held.mean(axis=0) < MOST - SLIGHT)
+    lost = np.flatnonzero(is_lost).tolist()
     outlying = spikes(residual) | outlying_samples(recording)[residual.index]
     apart = outlying | held[:, lost].any(axis=1)
     quiet = residual.taking(~apart)

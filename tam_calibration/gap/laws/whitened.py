@@ -1,6 +1,8 @@
 """The whitened residual of a recording, and what a disturbance of its rows does to it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,7 +16,24 @@ from tam_calibration.gap.regressors import turns
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.units import FloatArray, IntArray
 
-_LAST_BY_ROWS: "WeakKeyDictionary[Residual, dict[tuple[int, ...], tuple[FloatArray, FloatArray]]]" = WeakKeyDictionary()
+_LAST_SEEN: "WeakKeyDictionary[Response, dict[tuple[int, ...], Any]]" = WeakKeyDictionary()
+_LAST_SCORES: "WeakKeyDictionary[Residual, dict[tuple[int, ...], Any]]" = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What N samples in C channels see of the R rows, and of the nominal parameters.
+
+    Parameters
+    ----------
+    rows : (N, C, R) array
+        Change of the residual by a shift of each row, in units of the row's own noise.
+    nuisance : (N, C, q) array
+        Orthonormal directions of the nominal parameters.
+    """
+
+    rows: FloatArray
+    nuisance: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +48,8 @@ class Residual:
         Time stamps, seconds.
     z : (N, C) array
         Whitened residual, without the part that the nominal parameters explain.
-    response : (N, C, R) array
-        Change of the residual by a shift of each row, in units of the row's own noise.
-    nuisance : (N, C, q) array
-        Orthonormal directions of the nominal parameters.
+    seen : Response
+        What the channels see of the rows and of the nominal parameters.
     field, rate : (N, 3) array
         Direction of the field in the array's frame, and its rate of change in units of its own size.
     matrix : (3K, 3) array
@@ -60,8 +77,7 @@ class Residual:
     model: Model
     time_s: FloatArray
     z: FloatArray
-    response: FloatArray
-    nuisance: FloatArray
+    seen: Response
     field: FloatArray
     rate: FloatArray
     matrix: FloatArray
@@ -74,6 +90,16 @@ class Residual:
     live: NDArray[np.bool_]
     index: NDArray[np.intp]
     noise: float = 1.0
+
+    @property
+    def response(self) -> FloatArray:
+        """(N, C, R) change of the residual by a shift of each row."""
+        return self.seen.rows
+
+    @property
+    def nuisance(self) -> FloatArray:
+        """(N, C, q) orthonormal directions of the nominal parameters."""
+        return self.seen.nuisance
 
     @property
     def count(self) -> int:
@@ -105,31 +131,38 @@ class Residual:
         """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
         return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
 
-    def of_field(self) -> tuple[FloatArray, FloatArray]:
-        """Return the information (N, 3, 3) on shifts of the field at all sensors, and their products (N, 3, 1 + q)."""
-        information, products = self.of_rows(np.arange(3 * self.sensor_count))
-        return self.matrix.T @ information @ self.matrix, self.matrix.T @ products
+    def of_field(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the same as ``of_rows`` for shifts (3,) of the field at all sensors."""
+        return self._seen((), lambda: self.response[:, :, :-1] @ self.matrix)
 
-    def of_rows(self, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return the information (N, r, r) on shifts of some rows, and their products (N, r, 1 + q).
+    def of_rows(self, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the information (N, r, r) on shifts of some rows, and their products (N, r, 1) and (N, r, q).
 
-        These are products with the residual and the nuisance directions. They are large, and only those of the last
-        residual are kept.
+        These are products with the residual, and with those combinations of the nuisance directions that are seen.
 
         Parameters
         ----------
         rows : (r,) array
         """
-        if self not in _LAST_BY_ROWS:
-            _LAST_BY_ROWS.clear()
-            _LAST_BY_ROWS[self] = {}
-        known, key = _LAST_BY_ROWS[self], tuple(rows.tolist())
-        if key not in known:
-            response = self.response[:, :, rows]
-            turned: FloatArray = np.swapaxes(response, 1, 2)
-            products = np.concatenate([turned @ self.z[:, :, None], turned @ self.nuisance], axis=2)
-            known[key] = turned @ response, products
-        return known[key]
+        if len(rows) == 1 and rows[0] < 3 * self.sensor_count:
+            sensor, axis = divmod(int(rows[0]), 3)
+            own = slice(axis, axis + 1)
+            information, score, cross = self.of_rows(3 * sensor + np.arange(3))
+            return information[:, own, own], score[:, own], cross[:, own]
+        return self._seen(tuple(rows.tolist()), lambda: self.response[:, :, rows])
+
+    def _seen(
+        self, key: tuple[int, ...], response: Callable[[], FloatArray]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what is seen by a response (N, C, r); as it is large, only that of the last residual is kept."""
+        seen, scores = _of_last(_LAST_SEEN, self.seen), _of_last(_LAST_SCORES, self)
+        if key not in seen:
+            turned: FloatArray = np.ascontiguousarray(np.swapaxes(response(), 1, 2))
+            seen[key] = turned, turned @ np.swapaxes(turned, 1, 2), _condensed(turned @ self.nuisance)
+        turned, information, cross = seen[key]
+        if key not in scores:
+            scores[key] = turned @ self.z[:, :, None]
+        return information, scores[key], cross
 
     @property
     def excess(self) -> float:
@@ -180,11 +213,29 @@ class Residual:
         """Return the residual of some samples (N,), with the nuisance directions (N, C, q) in them."""
         keep = chosen[:, None]
         z, response = _perpendicular(self.z * keep, nuisance), self.response * keep[:, :, None]
-        return replace(self, z=z, response=response, nuisance=nuisance, live=self.live & chosen)
+        return replace(self, z=z, seen=Response(response, nuisance), live=self.live & chosen)
 
     def scaled(self, factor: float) -> "Residual":
         """Return the residual in units of a noise that is larger by a factor."""
-        return replace(self, z=self.z / factor, response=self.response / factor, noise=self.noise / factor**2)
+        seen = Response(self.response / factor, self.nuisance)
+        return replace(self, z=self.z / factor, seen=seen, noise=self.noise / factor**2)
+
+
+def _of_last(kept: "WeakKeyDictionary[Any, dict[tuple[int, ...], Any]]", key: Any) -> dict[tuple[int, ...], Any]:
+    """Return what is kept of a residual or its response, and forget what is kept of another."""
+    if key not in kept:
+        kept.clear()
+        kept[key] = {}
+    return kept[key]
+
+
+def _condensed(cross: FloatArray) -> FloatArray:
+    """Return products (N, r, q) with the nuisance directions, those of a sensor in the combinations that it sees."""
+    if cross.shape[1] > 3:  # several sensors see most of them
+        return cross
+    flat = cross.reshape(-1, cross.shape[2])
+    shared, directions = np.linalg.eigh(flat.T @ flat)
+    return np.asarray(cross @ directions[:, shared > 1e-13 * shared[-1]])
 
 
 def residual_of(model: Model) -> Residual:
@@ -192,7 +243,7 @@ def residual_of(model: Model) -> Residual:
     channels = model.base().channels
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
-    index = index[:: -(-len(index) // 6500)]  # more would not change which law predicts best
+    index = index[:: -(-len(index) // 5000)]  # more would not change which law predicts best
     z, response = _channels(channels, index)
     size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
     row_T = 1 / float(size)
@@ -220,8 +271,7 @@ def residual_of(model: Model) -> Residual:
         model,
         covariates.time_s[index],
         _perpendicular(z, nuisance),
-        response,
-        nuisance,
+        Response(response, nuisance),
         unit,
         rate,
         matrix,

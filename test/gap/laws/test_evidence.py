@@ -63,5 +63,5 @@ def test_the_evidence_of_a_course_is_that_of_its_dense_equations(residual):
 
 def test_what_no_channel_sees_has_no_evidence():
     """A row without response takes no coefficient."""
-    fit = Normal.of(np.ones((50, 1, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 4))).fit()
+    fit = Normal.of(np.ones((50, 1, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 3))).fit()
     assert (fit.evidence, fit.mean.tolist()) == (0, [[0]])

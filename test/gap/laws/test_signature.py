@@ -199,6 +199,17 @@ def test_readings_that_are_held(run):
     assert (first.law, first.sensors) == ("samples", (2,))
 
 
+def test_a_sensor_at_half_the_rate_has_lost_no_reading(run):
+    """Readings that are interpolated to the rate of the others count: a step has its whole share of the gap."""
+    clean = run(samples=1200)
+    readings = clean.recording.readings_T.copy()
+    readings[1:-1:2, 1] = (readings[:-2:2, 1] + readings[2::2, 1]) / 2
+    slow = replace(clean, recording=replace(clean.recording, readings_T=readings))
+    first = signature(slow.with_row(7, 1e-6 * (clean.recording.time_s > 22)))[0]
+    assert (first.law, first.course, first.sensors, first.axes) == ("offset", "step", (3,), ("y",))
+    assert first.energy > 0.9
+
+
 def test_a_drift_of_the_scalar_may_be_a_field_that_all_sensors_feel(run):
     """The places hold both, as the residual of the intensity alone sees either; a recorded attitude decides."""
     clean = run(samples=300)
