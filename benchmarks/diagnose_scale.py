@@ -23,7 +23,7 @@ from tam_calibration.results.scenario import shipped_scenarios
 
 SIZES = (100_000, 300_000, 1_000_000)
 RATE_HZ = 100
-ASKED_MIB = 500.0
+ASKED_MIB = 400.0
 """Peak memory that is asked of a million rows: what a small computer on board has left."""
 
 ASKED_ERRORS = 4.0
