@@ -15,8 +15,9 @@ recording determines the parameters.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import pairwise
 from math import log, sin, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.linalg import LinAlgError, norm
@@ -62,7 +63,7 @@ def objection_to(errors: SensorErrors, intensity_T: float, field: FieldBounds) -
     worst = int(ratio.argmax())
     if ratio[worst] > LARGEST_RATIO:
         return f"scale factors of sensor {worst + 1} that differ by a factor of {ratio[worst]:.3g}"
-    cosine = np.abs([_cosines(matrix) for matrix in errors.matrix]).max(axis=1)
+    cosine = np.abs(_cosines(errors.matrix)).max(axis=1)
     worst = int(cosine.argmax())
     if cosine[worst] > sin(LARGEST_NON_ORTHOGONALITY):
         degrees = float(to_degrees(np.arcsin(min(cosine[worst], 1.0))))
@@ -84,16 +85,14 @@ def sensed_intensity(errors: SensorErrors, intensity_T: float, field: FieldBound
     field : FieldBounds
         Bounds with the usual field at their geometric mean.
     """
-    sensed = _sensed(errors, intensity_T)
-    return float(sensed[_most_like(field, sensed)])
+    return _most_usual(errors, intensity_T, field)[1]
 
 
-def _sensed(errors: SensorErrors, intensity_T: float) -> FloatArray:
-    return np.asarray(intensity_T * np.cbrt(np.linalg.det(errors.matrix)))
-
-
-def _most_like(field: FieldBounds, sensed_T: FloatArray) -> int:
-    return int(np.argmin(np.abs(np.log(sensed_T / field.middle_T))))
+def _most_usual(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> tuple[int, float]:
+    """Return the sensor whose unit makes the intensity most usual, and the intensity in that unit."""
+    sensed_T = intensity_T * np.cbrt(np.linalg.det(errors.matrix))
+    sensor = int(np.argmin(np.abs(np.log(sensed_T / field.middle_T))))
+    return sensor, float(sensed_T[sensor])
 
 
 def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds) -> Normal:
@@ -109,51 +108,46 @@ def prior_at(errors: SensorErrors, intensity_T: float | None, field: FieldBounds
         Bounds of it.
     """
     count = errors.sensor_count
-    slopes, deviates = np.zeros((count, 6, count, 3, 4)), np.zeros((count, 6))
+    slopes = np.zeros((count, 6, count, 3, 4))
     for sensor, matrix in enumerate(errors.matrix):
-        slopes[sensor, :, sensor, :, :3], deviates[sensor] = _of_axes(matrix)
-    jacobian, deviate = slopes.reshape(6 * count, -1), deviates.ravel()
+        # The imaginary part of a complex step is the derivative to rounding (Squire and Trapp, SIAM Rev. 40, 1998).
+        steps = _of_axes(matrix + 1e-30j * np.eye(9).reshape(3, 3, 3, 3))
+        slopes[sensor, :, sensor, :, :3] = np.moveaxis(steps.imag / 1e-30, 2, 0)
+    jacobian, deviate = slopes.reshape(6 * count, -1), _of_axes(errors.matrix).ravel()
     if intensity_T is not None:
         slope, one = _of_intensity(errors, intensity_T, field)
         jacobian, deviate = np.vstack([jacobian, slope]), np.append(deviate, one)
     return Normal(jacobian.T @ jacobian, -jacobian.T @ deviate, float(deviate @ deviate), len(deviate))
 
 
-def _of_axes(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives (6, 3, 3) of a sensor's deviates by its matrix, and the deviates (6,)."""
-    length = norm(matrix, axis=1)
-    unit = matrix / length[:, None]
-    of_length = np.zeros((3, 3, 3))
-    of_length[range(3), range(3)] = unit / length[:, None]
-    of_cosine = np.zeros((3, 3, 3))
-    cosine = _cosines(matrix)
-    for index, (one, other) in enumerate(combinations(range(3), 2)):
-        of_cosine[index, one] = (unit[other] - cosine[index] * unit[one]) / length[one]
-        of_cosine[index, other] = (unit[one] - cosine[index] * unit[other]) / length[other]
+def _of_axes(matrix: NDArray[Any]) -> NDArray[Any]:
+    """Return the deviates (..., 6) of sensors' axes from matrices (..., 3, 3), real or complex."""
+    logarithm = np.log(_lengths(matrix))
     # The logarithms of two equally uncertain scale factors differ by √2 times the deviation of each.
-    scale = sqrt(2) * CERTAIN / log(LARGEST_RATIO)
+    scale = sqrt(2) * CERTAIN / log(LARGEST_RATIO) * (logarithm - logarithm.mean(axis=-1, keepdims=True))
     # A cosine of 0.35 is beyond the limit of 15 degrees, so that the prior is wide.
-    angle = CERTAIN / 0.35
-    logarithm = np.log(length)
-    deviates = np.concatenate([scale * (logarithm - logarithm.mean()), angle * cosine])
-    return np.concatenate([scale * (of_length - of_length.mean(axis=0)), angle * of_cosine]), deviates
+    return np.concatenate([scale, CERTAIN / 0.35 * _cosines(matrix)], axis=-1)
 
 
-def _cosines(matrix: FloatArray) -> FloatArray:
-    """Return the cosines (3,) between the rows xy, xz and yz of a matrix."""
-    unit = matrix / norm(matrix, axis=1)[:, None]
-    return np.array([unit[one] @ unit[other] for one, other in combinations(range(3), 2)])
+def _lengths(matrix: NDArray[Any]) -> NDArray[Any]:
+    """Return the lengths (..., 3) of the rows of matrices."""
+    return np.asarray(np.sqrt(np.sum(matrix**2, axis=-1)))
+
+
+def _cosines(matrix: NDArray[Any]) -> NDArray[Any]:
+    """Return the cosines (..., 3) between the rows xy, xz and yz of matrices (..., 3, 3)."""
+    unit = matrix / _lengths(matrix)[..., None]
+    return np.asarray(np.sum(unit[..., [0, 0, 1], :] * unit[..., [1, 2, 2], :], axis=-1))
 
 
 def _of_intensity(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives (1, 12K) of the deviate of the intensity by the errors, and the deviate (1,)."""
     weight = 2 * CERTAIN / log(field.high_T / field.low_T)
-    sensed = _sensed(errors, intensity_T)
-    sensor = _most_like(field, sensed)
+    sensor, sensed_T = _most_usual(errors, intensity_T, field)
     slope = np.zeros((errors.sensor_count, 3, 4))
     # The logarithm of a determinant changes by the trace of the inverse times the change.
     slope[sensor, :, :3] = np.linalg.inv(errors.matrix[sensor]).T / 3
-    deviate = weight * log(sensed[sensor] / field.middle_T)
+    deviate = weight * log(sensed_T / field.middle_T)
     return weight * slope.reshape(1, -1), np.array([deviate])
 
 
