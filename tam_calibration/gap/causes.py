@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import permutations
-from math import exp, expm1, log, log1p
+from math import exp, log, log1p
 
 import numpy as np
 
@@ -179,11 +179,9 @@ def span_of(channels: WhitenedChannels, excess: FloatArray) -> tuple[float, floa
     total = np.cumsum(excess)
     if total[-1] <= 0:
         return None
-    margin = MINOR / 2
-    first = int(np.searchsorted(total, margin * total[-1]))
-    last = int(np.searchsorted(total, (1 - margin) * total[-1]))
-    time_s = channels.covariates.time_s
-    low, high = float(time_s[first]), float(time_s[min(last, len(time_s) - 1)])
+    time_s, margin = channels.covariates.time_s, MINOR / 2
+    ends = np.searchsorted(total, [margin * total[-1], (1 - margin) * total[-1]])
+    low, high = time_s[np.minimum(ends, len(time_s) - 1)].tolist()
     return (low, high) if high - low < MOST * float(np.ptp(time_s)) else None
 
 
@@ -269,11 +267,8 @@ def energies_of(steps: Sequence[Step], count: float) -> dict[Step, float]:
     dict of Step to float
         As a part of the residual energy before the first cause, 0 to 1.
     """
-    left, energies = 1.0, {}
-    for step in steps:
-        energies[step] = left * -expm1(-step.accepted.gain / count)
-        left -= energies[step]
-    return energies
+    left = np.exp(-np.cumsum([0.0, *(step.accepted.gain for step in steps)]) / count)
+    return dict(zip(steps, (-np.diff(left)).tolist(), strict=True))
 
 
 def shares_of(model: Model) -> FloatArray:
@@ -285,7 +280,7 @@ def shares_of(model: Model) -> FloatArray:
     designs = [channels.design(part.terms(channels)) for part in model.parts]
     projected = Base(channels, [channels.calibration]).project(Regressors.joined(designs))
     ends = np.cumsum([design.width for design in designs])
-    columns = [np.arange(end - design.width, end) for end, design in zip(ends, designs, strict=True)]
+    columns = np.split(np.arange(ends[-1]), ends[:-1])
 
     @cache
     def explained(group: frozenset[int]) -> float:
