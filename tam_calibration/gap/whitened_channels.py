@@ -147,19 +147,13 @@ class WhitenedChannels:
         """
         channels = self
         for spread in spreads_T:
-            along = spread[:, :-1] @ self.directions
-            common = np.sqrt(self.precision) * np.sum(self.row_direction * spread, axis=1)
-            square = np.sum(along**2, axis=1) + common**2
-            off = (
-                np.sum(along * channels.differential, axis=1)
-                + common * np.sqrt(self.precision) * channels.intensity_residual_T
-            )
-            root = np.sqrt(1 + square)
+            along, common_T = spread[:, :-1] @ self.directions, np.sum(self.row_direction * spread, axis=1)
+            differential, residual_T = channels.differential, channels.intensity_residual_T
+            off = np.sum(along * differential, axis=1) + self.precision * common_T * residual_T
+            root = np.sqrt(1 + np.sum(along**2, axis=1) + self.precision * common_T**2)
             taken = off / (root * (1 + root))
-            residuals = channels.intensity_residual_T - taken * np.sum(self.row_direction * spread, axis=1)
-            channels = replace(
-                channels, differential=channels.differential - taken[:, None] * along, intensity_residual_T=residuals
-            )
+            differential, residual_T = differential - taken[:, None] * along, residual_T - taken * common_T
+            channels = replace(channels, differential=differential, intensity_residual_T=residual_T)
         return channels
 
     @property
