@@ -304,10 +304,8 @@ class Shapes:
         share = spectra.bins / spectra.bins.sum()
         slow = np.mean(at ** -_EXPONENTS[:, None, None], axis=2)
         density = 1 / (slow @ share)
-        self.slow = [
-            Part(shape * factor, exponent, factor)
-            for shape, factor, exponent in zip(slow, density.tolist(), _EXPONENTS.tolist(), strict=True)
-        ]
+        known = zip(slow * density[:, None], _EXPONENTS.tolist(), density.tolist(), strict=True)
+        self.slow = [Part(shape, exponent, factor) for shape, exponent, factor in known]
         lag, turn = np.exp(-2 * np.pi * _CORNERS)[:, None, None], np.exp(-2j * np.pi * at)
         relaxing = np.mean(np.abs(1 - lag * turn) ** -2.0, axis=2)
         self.relaxing = [Part(shape / (shape @ share)) for shape in relaxing]
@@ -316,12 +314,8 @@ class Shapes:
         pole = np.exp(-2 * np.pi * (half_width + 1j * centre))[:, None, None]
         bands = np.mean(np.abs((1 - pole * turn) * (1 - pole.conj() * turn)) ** -2.0, axis=2)
         self.band_shapes: FloatArray = bands / (bands @ share)[:, None]
-        self.bands = [
-            Part(shape, limits=(low, high))
-            for shape, low, high in zip(
-                self.band_shapes, (centre - half_width).tolist(), (centre + half_width).tolist(), strict=True
-            )
-        ]
+        limits = zip((centre - half_width).tolist(), (centre + half_width).tolist(), strict=True)
+        self.bands = [Part(shape, limits=each) for shape, each in zip(self.band_shapes, limits, strict=True)]
 
 
 def colour_of(power_T2: FloatArray, freedom: FloatArray, shapes: Shapes) -> Colour:
