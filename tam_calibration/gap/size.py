@@ -211,8 +211,7 @@ def held_out(model: Model, interleaved: bool, variance: float) -> FloatArray:
     base = model.base()
     energy = held_out_energy(base.channels, base.designs, interleaved)
     size = base.channels.count + base.calibration_rank * FOLDS / (FOLDS - 1)
-    share = size / base.channels.count
-    return energy / (base.channels.count / FOLDS * share * variance) - 1
+    return energy / (size / FOLDS * variance) - 1
 
 
 def is_interleaved(model: Model) -> bool:
