@@ -210,8 +210,7 @@ class Calibration:
     @cached_property
     def correction_matrix(self) -> FloatArray:
         """(9, 3K) matrix C of outputs = C (y - o), y the stacked raw readings and o the stacked biases."""
-        sensors = self.array.operator.reshape(9, -1, 3)
-        return np.asarray(np.einsum("rki,kij->rkj", sensors, self.errors.inverse).reshape(9, -1))
+        return np.asarray(self.array.operator @ self.errors.joint_inverse)
 
     @cached_property
     def output_standard_errors(self) -> FloatArray:

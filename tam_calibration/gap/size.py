@@ -282,14 +282,8 @@ def _tensor_excess(model: Model, variance: float) -> float:
     """Return the root of the summed squares of the tensor's components beyond noise, T/m."""
     if not model.array.has_gradient:
         return float("nan")
-    counted = model.is_counted
-    readings = model.recording.readings_T
-    if model.parts:
-        readings = readings - model.signal()[:, :-1].reshape(readings.shape)
-    restored = model.errors.restore(readings[counted]).reshape(int(counted.sum()), -1)
-    tensor = restored @ model.array.operator[list(TENSOR_OUTPUTS)].T
-    unmixed = np.einsum(
-        "rki,kij->rkj", model.array.operator[list(TENSOR_OUTPUTS)].reshape(5, -1, 3), np.linalg.inv(model.errors.matrix)
-    ).reshape(5, -1)
-    noise = variance * unmixed**2 @ np.repeat(model.array.vector_noise_T**2, 3)
+    correction = model.array.operator[list(TENSOR_OUTPUTS)] @ model.errors.joint_inverse
+    unbiased = (model.recording.readings_T - model.errors.bias_T).reshape(model.recording.sample_count, -1)
+    tensor = (unbiased - model.signal()[:, :-1])[model.is_counted] @ correction.T
+    noise = variance * correction**2 @ np.repeat(model.array.vector_noise_T**2, 3)
     return float(np.sqrt(max(np.sum(np.mean(tensor**2, axis=0)) - noise.sum(), 0.0)))

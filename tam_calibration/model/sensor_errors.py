@@ -452,10 +452,8 @@ def noise_floor(errors: SensorErrors, array: KnownNoiseArray, scalar_noise_T: fl
     scalar_noise_T : float
         Standard deviation of the reference intensity, tesla; 0 where it is the true one.
     """
-    unmix = errors.inverse
-    sensor_variance = array.vector_noise_T**2 * (unmix**2).sum(axis=(1, 2)) / 3
-    operator = np.einsum("rki,kij->rkj", array.operator.reshape(9, -1, 3), unmix).reshape(9, -1)
-    output_variance = operator**2 @ np.repeat(array.vector_noise_T**2, 3)
+    sensor_variance = array.vector_noise_T**2 * (errors.inverse**2).sum(axis=(1, 2)) / 3
+    output_variance = (array.operator @ errors.joint_inverse) ** 2 @ np.repeat(array.vector_noise_T**2, 3)
     return Residuals(
         np.sqrt(sensor_variance + scalar_noise_T**2),
         float(np.sqrt(output_variance[:3].mean() + scalar_noise_T**2)),
