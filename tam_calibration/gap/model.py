@@ -30,7 +30,6 @@ from tam_calibration.gap.nominal import (
     steady_parts,
     without_calibration,
     without_channels,
-    without_jump,
 )
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.regressors import World, oriented, turns, update
@@ -141,7 +140,7 @@ class Model:
         The one with which more samples agree; None without a jump where the plain fit is as good.
         """
         jump, rest = gross_bias_jump(self.recording), without_channels(self.recording)
-        jumping = None if jump is None else self._within_bounds(without_jump(self.recording, jump))
+        jumping = None if jump is None else self._within_bounds(_without_jump(self.recording, jump, self.array))
         following = None if rest is None else self._within_bounds(rest)
         if jump is not None and jumping is not None:
             # Of equal fits the channel is preferred: it needs no time of its own.
@@ -249,7 +248,7 @@ class Model:
         noisy, _ = complete_noise(array, recording)
         try:
             errors, world, jump = oriented(recording.take(is_oriented))
-            clean = recording if jump is None else without_jump(recording, jump)
+            clean = recording if jump is None else _without_jump(recording, jump, noisy)
             model = cls(
                 clean, noisy, errors, world.intensity_T, world, is_oriented, gross=jump, stride=stride
             ).settled()
@@ -470,6 +469,12 @@ def _of_better_half(model: Model) -> Model | None:
 def _most_agreeing(*fits: Model | None) -> Model | None:
     """Return the first of the fits, each to its own recording, with which most samples agree; None where none is."""
     return max((fit for fit in fits if fit is not None), key=lambda fit: fit.agrees.sum(), default=None)
+
+
+def _without_jump(recording: Recording, jump: FittedEffect, array: KnownNoiseArray) -> Recording:
+    """Return the recording without a jump of the biases, which no errors of the sensors change."""
+    none = SensorErrors.none(recording.sensor_count)
+    return without_rows(recording, added_to(recording, [jump], none, array))
 
 
 def _mostly(jump: FittedEffect) -> FittedEffect:

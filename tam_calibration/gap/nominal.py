@@ -25,9 +25,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.core.least_squares import Normal
 from tam_calibration.correction.acceptance import LARGEST_NON_ORTHOGONALITY, LARGEST_RATIO
-from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.grades import CERTAIN, MOST, NEGLIGIBLE, NOTABLE
-from tam_calibration.effects.states import BiasJump
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
@@ -37,7 +35,6 @@ from tam_calibration.fit.moments import mirror_images
 from tam_calibration.gap.regressors import products_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -341,23 +338,6 @@ def outlying_samples(recording: Recording) -> NDArray[np.bool_]:
     # Bias and soft iron hardly double the length of a reading.
     outlying: NDArray[np.bool_] = (length > 4.0 * np.median(length, axis=0)).any(axis=1)
     return outlying if outlying.sum() <= NEGLIGIBLE * len(outlying) else np.zeros_like(outlying)
-
-
-def without_jump(recording: Recording, jump: FittedEffect) -> Recording:
-    """Return the recording without a known jump.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of K sensors.
-    jump : FittedEffect
-        A ``BiasJump``: times in seconds, and changes of the bias in tesla.
-    """
-    none = SensorErrors.none(recording.sensor_count)
-    place = Array(np.zeros((recording.sensor_count, 3)))
-    covariates = Covariates(recording.time_s, recording.readings_T[:, 0], none, place)
-    added = BiasJump().signal(covariates, jump)[:, :-1].reshape(recording.readings_T.shape)
-    return replace(recording, readings_T=recording.readings_T - added)
 
 
 def steady_parts(recording: Recording) -> Iterator[slice | NDArray[np.intp]]:
