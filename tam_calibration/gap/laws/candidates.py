@@ -189,9 +189,7 @@ def _over_reading(residual: Residual, sensor: int) -> Iterator[Candidate]:
     """Yield any function of an axis' own reading, the same both ways or not."""
     for axis, row in enumerate(patterns.sensor_rows(sensor)):
         reading = residual.sensed[:, row]
-        pattern = Pattern(
-            "own_field", (sensor,), (patterns.AXES[axis],), np.array([row]), np.ones((residual.count, 1, 1))
-        )
+        pattern = patterns.of_axis("own_field", sensor, axis, np.ones((residual.count, 1)))
         for branch in (None, np.sign(residual.sensed_rate[:, row])):
             bins = Bins.of(reading, min(256, max(residual.count // 4, 4)), branch)
             sums = pattern.sums(residual, bins)

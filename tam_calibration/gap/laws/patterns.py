@@ -142,7 +142,7 @@ def _every(residual: Residual) -> Place:
     return tuple(range(1, residual.sensor_count + 1))
 
 
-def _axis(law: str, sensor: int, axis: int, values: FloatArray) -> Pattern:
+def of_axis(law: str, sensor: int, axis: int, values: FloatArray) -> Pattern:
     """Return a pattern of one axis of a sensor with shifts (N, f)."""
     return Pattern(law, (sensor,), (AXES[axis],), sensor_rows(sensor)[[axis]], values[:, None])
 
@@ -151,7 +151,7 @@ def _scaling(law: str, residual: Residual, sensor: int, values: FloatArray) -> I
     """Yield patterns that are multiples of values of the axes (N, 3): of all axes with one coefficient, and of one."""
     yield _at(law, residual, (sensor,), values[:, sensor_rows(sensor), None], is_apart=False)
     for axis, row in enumerate(sensor_rows(sensor)):
-        yield _axis(law, sensor, axis, values[:, row, None])
+        yield of_axis(law, sensor, axis, values[:, row, None])
 
 
 def in_sensor(residual: Residual, sensor: int) -> Iterator[Pattern]:
@@ -252,7 +252,7 @@ def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
     """Yield functions of each axis' own reading: curves, loops and ends."""
     rows = sensor_rows(sensor)
     for axis, row in enumerate(rows):
-        yield _axis("own_field", sensor, axis, _beyond(residual, row))
+        yield of_axis("own_field", sensor, axis, _beyond(residual, row))
     yield _at("own_field", residual, (sensor,), functions_of_readings(residual, rows.tolist(), False))
 
 
