@@ -17,6 +17,7 @@ from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearE
 from tam_calibration.effects.grades import MOST, NEARLY_ALL, SLIGHT
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.states import Times
+from tam_calibration.fit.moments import jackknife
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, best_form, refined
 from tam_calibration.gap.laws.signature import Law
@@ -263,18 +264,15 @@ def measure(nominal: Model, model: Model, variance: float) -> Size:
 
 
 def _closed(first: FloatArray, last: FloatArray) -> tuple[float, tuple[float, float]]:
-    from scipy.special import stdtrit
+    from scipy.special import ndtri
 
-    def part(kept: np.ndarray) -> float:
+    def part(kept: np.ndarray | slice) -> float:
         total = first[kept].mean()
         return float(np.clip(1 - max(last[kept].mean(), 0) / total, 0, 1)) if total > 0 else 0.0
 
-    everything = np.ones(len(first), dtype=bool)
-    value = part(everything)
+    value = part(slice(None))
     left_out = np.array([part(np.arange(len(first)) != fold) for fold in range(len(first))])
-    error = np.sqrt((len(first) - 1) / len(first) * np.sum((left_out - left_out.mean()) ** 2))
-    # Student's t has as many degrees of freedom as there are folds less one.
-    half = float(stdtrit(len(first) - 1, 1 - SLIGHT / 2) * error)
+    half = float(ndtri(1 - SLIGHT / 2) * np.sqrt(jackknife(left_out)[0, 0]))
     return value, (max(value - half, 0.0), min(value + half, 1.0))
 
 
