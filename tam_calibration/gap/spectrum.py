@@ -144,14 +144,12 @@ def _places(time_s: FloatArray, step_s: float) -> IntArray:
 
 def _filled(place: IntArray, values: FloatArray) -> FloatArray:
     """Return the series (r, n) on the whole lattice about their means; holes go on the course of the neighbours."""
-    every = np.arange(place[-1] + 1)
-    is_hole = np.ones(len(every), dtype=bool)
-    is_hole[place] = False
-    series = np.empty((values.shape[1], len(every)))
+    series = np.empty((values.shape[1], place[-1] + 1))
     series[:, place] = values.T
-    if is_hole.any():
+    holes = np.setdiff1d(np.arange(place[-1] + 1), place)
+    if len(holes):
         for own, course in zip(series, _course(values).T, strict=True):
-            own[is_hole] = np.interp(every[is_hole], place, course)
+            own[holes] = np.interp(holes, place, course)
     return np.asarray(series - series.mean(axis=1, keepdims=True))
 
 
