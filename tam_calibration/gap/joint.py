@@ -70,9 +70,12 @@ def sandwich(base: Base, effects: Sequence[Regressors]) -> FloatArray:
     joined = Regressors.joined([*base.designs, *effects])
     information, score = _by_block(base.channels, joined)
     visible = base.project(Regressors.joined(effects)).inverse()[0]
-    solve, own = _solution(base, information.sum(axis=0), visible)
-    residual = score - information @ (solve @ score.sum(axis=0))
-    influence = solve[:, own]
+    # The inverse of the joint information within the directions of the effects that are visible.
+    width = joined.width - len(visible)
+    carried = np.vstack([-base.inverse @ information.sum(axis=0)[:width, width:], np.eye(len(visible))])
+    solve = carried @ visible @ carried.T
+    solve[:width, :width] += base.inverse
+    residual, influence = score - information @ (solve @ score.sum(axis=0)), solve[:, width:]
     cosines = slow_cosines()
     sums = cosines.T @ (residual @ influence)
     scale = np.array([_scale(information, solve, one, cosines) for one in influence.T])
@@ -101,15 +104,6 @@ def unseen(base: Base, effects: Sequence[Regressors], left_out: Regressors) -> F
     count, is_visible = base.channels.count, alone > VISIBLE * both.before[others]
     limit = np.divide(np.log(count) * base.energy / count, alone, out=np.zeros_like(alone), where=is_visible)
     return np.asarray(carried * (limit / 3) @ carried.T)
-
-
-def _solution(base: Base, information: FloatArray, visible: FloatArray) -> tuple[FloatArray, slice]:
-    """Return the inverse of the joint information within the visible directions, and the columns of the effects."""
-    width = len(information) - len(visible)
-    carried = np.vstack([-base.inverse @ information[:width, width:], np.eye(len(visible))])
-    solve = carried @ visible @ carried.T
-    solve[:width, :width] += base.inverse
-    return solve, slice(width, None)
 
 
 def _by_block(channels: WhitenedChannels, design: Regressors) -> tuple[FloatArray, FloatArray]:
