@@ -136,10 +136,8 @@ def judge(
     grave = [fault.sentence for fault in faults if fault.severity == "refusal"]
     refusals = grave or [refusal for refusal in [refusal_of(seen, array)] if refusal is not None]
     alone = " without the tolerances of the array file" if array.tolerances is not None and not grave else ""
-    remarks = [
-        *of_stretches,
-        *(f"tam calibrate would refuse this recording{alone}: {refusal}." for refusal in refusals),
-    ]
+    remarks = list(of_stretches)
+    remarks += [f"tam calibrate would refuse this recording{alone}: {refusal}." for refusal in refusals]
     remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity != "refusal"]
     if misread := misread_attitude(seen):
         remarks.append(f"{misread[:1].upper()}{misread[1:]}.")

@@ -89,7 +89,8 @@ def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:
         residual = turns.columns[-1] - basis @ (turns.columns[-1] @ basis)
         candidates = (_likeliest(turns, basis, residual, length) for length in lengths)
         likeliest = max(candidates, key=lambda candidate: candidate.chi_square, default=None)
-        if likeliest is None or likeliest.probability * count * len(lengths) >= SIGNIFICANT:
+        # Chance makes as much with the probability of χ² with two degrees of freedom.
+        if likeliest is None or np.exp(-likeliest.chi_square / 2) * count * len(lengths) >= SIGNIFICANT:
             break
         courses.append(likeliest)
         explained = np.vstack([explained, turns.by_courses(likeliest.course(count)[None])[0]])
@@ -109,11 +110,6 @@ class _Candidate(NamedTuple):
     chi_square: float
     first: int
     length: int
-
-    @property
-    def probability(self) -> float:
-        """Of as much by chance: that of χ² with two degrees of freedom."""
-        return float(np.exp(-self.chi_square / 2))
 
     def course(self, count: int) -> FloatArray:
         """Return its size (count,) over time."""

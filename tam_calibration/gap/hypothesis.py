@@ -59,9 +59,8 @@ class Hypothesis:
 
 def places_of(form: Hypothesis | Finding) -> list[Place]:
     """Return the places of a hypothesis or finding."""
-    if isinstance(form, Hypothesis):
-        return list(dict.fromkeys((term.sensor, term.axis) for term in form.terms))
-    return list(dict.fromkeys((one.sensor, one.axis) for one in form.fitted.contributions))
+    parts = form.terms if isinstance(form, Hypothesis) else form.fitted.contributions
+    return list(dict.fromkeys((one.sensor, one.axis) for one in parts))
 
 
 def sensors_of(places: Iterable[Place]) -> set[int]:
