@@ -87,9 +87,14 @@ def _told(value: Any) -> Any:
     return Limit(**told) if "largest" in told else told
 
 
+def read_causes(module: str) -> dict[str, dict[str, Any]]:
+    """Return what the ``causes.toml`` beside a module tells of each cause, by its name."""
+    told: dict[str, dict[str, Any]] = _told(tomllib.loads(Path(module).with_name("causes.toml").read_text("utf-8")))
+    return told
+
+
 CAUSES: dict[str, dict[str, Any]] = {
-    known.pop("class"): {"name": name, **known}
-    for name, known in _told(tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))).items()
+    known.pop("class"): {"name": name, **known} for name, known in read_causes(__file__).items()
 }
 """What is known of the causes of this package, by module and class of their effects."""
 

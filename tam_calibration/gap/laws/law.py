@@ -1,11 +1,9 @@
 """One law of a gap, as the answer states it, and the causes that can make it."""
 
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
+from tam_calibration.effects.effect import read_causes
 from tam_calibration.effects.library import effect_named
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.units import FloatArray
@@ -201,12 +199,8 @@ class PossibleCause:
 
 
 def _read() -> tuple[PossibleCause, ...]:
-    table = tomllib.loads(Path(__file__).with_name("causes.toml").read_text(encoding="utf-8"))
     causes = []
-    for name, entry in table.items():
-        known: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()
-        }
+    for name, known in read_causes(__file__).items():
         if "title" not in known:
             effect = effect_named(name)
             known |= {"title": effect.title, "physics": effect.physics}
