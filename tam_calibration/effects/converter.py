@@ -31,9 +31,6 @@ from tam_calibration.effects.residuals import WhitenedResiduals
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution
 from tam_calibration.model.units import FloatArray
 
-_FINEST = 0.5
-"""Smallest step searched, in standard deviations of a row's noise: rounding is then 2 % of the variance."""
-
 
 @dataclass(frozen=True, eq=False)
 class _Limit:
@@ -223,9 +220,9 @@ def _frequency(ordered: FloatArray) -> float | None:
     """Return the lowest frequency at which differences of the readings agree in phase, per standard deviation."""
     gaps = np.diff(ordered)
     gaps = gaps[gaps > 0]
-    # A step of less than most of the noise makes 2 % of the variance by rounding, and is not searched.
+    # Rounding to a step below half of the noise makes less than 2 % of its variance: it is not searched.
     if 0 < len(gaps) < (1 - NOTABLE) * len(ordered):
-        return 1 / float(gaps.min()) if gaps.min() >= _FINEST else None
+        return 1 / float(gaps.min()) if gaps.min() >= MOST else None
     lag = max(1, int(len(ordered) * _DISTANCE / max(ordered[-1], _DISTANCE)))
     difference = ordered[lag:] - ordered[:-lag]
     if len(difference) < LEAST_SAMPLES:
@@ -236,13 +233,13 @@ def _frequency(ordered: FloatArray) -> float | None:
     # More than 2000 differences would not determine their phases better.
     difference = difference[:: max(1, len(difference) // 2000)]
     # Eight cells of the histogram to the finest step.
-    cell = _FINEST / 8
+    cell = MOST / 8
     histogram = np.bincount((difference / cell + 0.5).astype(np.intp))
     length = 2 ** int(np.ceil(np.log2(2 * len(histogram))))
     coherence = np.abs(np.fft.rfft(histogram, length)) / len(difference)
     frequency = np.arange(len(coherence)) / (length * cell)
     spread = float(np.std(difference))
-    sought = (frequency > 4 / max(spread, np.finfo(float).tiny)) & (frequency <= 1 / _FINEST)
+    sought = (frequency > 4 / max(spread, np.finfo(float).tiny)) & (frequency <= 1 / MOST)
     strong = np.flatnonzero(sought & (coherence > MOST))
     if not len(strong):
         return None
