@@ -15,10 +15,9 @@ G = (E |z|² + c² E z²) / 2; it is that of the AR(2) process with the poles p 
 tan(arg G) = -cot(θ) (1 - ρ²) / (1 + ρ²), which fixes c; for bands above a third of the rate it comes near.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,42 +45,28 @@ class NoiseStream:
 
     Parameters
     ----------
-    terms : sequence of NoiseTerm
-        What is to be added, of each row at most once.
-    row_count : int
-        Rows of a sample, 3K + 1: the last is the scalar's.
-    rate_hz, span_s : float
-        Rate and span of the recording that the terms are of, hertz and seconds.
+    mend : Mend
+        Its noise is to be added, of each row at most once.
     generator : numpy.random.Generator
         Source of the random numbers.
     """
 
-    def __init__(
-        self,
-        terms: Sequence[NoiseTerm],
-        row_count: int,
-        rate_hz: float,
-        span_s: float,
-        generator: np.random.Generator,
-    ) -> None:
+    def __init__(self, mend: Mend, generator: np.random.Generator) -> None:
         self._white, self._kicks = generator.spawn(2)
+        row_count = 3 * mend.calibration.array.sensor_count + 1
         self._white_T = np.zeros(row_count)
         modes: list[tuple[int, complex, float]] = []
-        for term in terms:
+        for term in mend.noise:
             row = row_count - 1 if term.sensor == 0 else 3 * (term.sensor - 1) + "xyz".index(term.axis)
             self._white_T[row] = term.added_white_T
-            modes += [(row, *mode) for mode in _modes(term, rate_hz, span_s)]
+            modes += [(row, *mode) for mode in _modes(mend, term)]
         self._to_rows = np.eye(row_count)[[row for row, _, _ in modes]].reshape(-1, row_count)
         self._decay = np.array([decay for _, decay, _ in modes], dtype=complex)
-        self._reading = _readings_of(self._decay, rate_hz)
+        self._reading = _readings_of(self._decay, mend.rate_hz)
         unit = (0.5 / self._decay.real + (self._reading**2 * 0.5 / self._decay).real) / 2
         self._drive_T = np.sqrt(np.array([variance for _, _, variance in modes]) / unit)
         self._state = np.zeros(len(modes), complex)
         self._newest_s = np.inf
-
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        """Return the rows (N, 3K + 1) of the next samples with the noise in them, tesla."""
-        return rows_T + self.drawn(covariates.time_s)
 
     def drawn(self, time_s: FloatArray) -> FloatArray:
         """Return the noise (N, 3K + 1) of the next samples, at times (N,) in seconds, tesla."""
@@ -106,9 +91,9 @@ class NoiseStream:
         return (self._reading * modes).real @ self._to_rows
 
 
-def _modes(term: NoiseTerm, rate_hz: float, span_s: float) -> list[tuple[complex, float]]:
+def _modes(mend: Mend, term: NoiseTerm) -> list[tuple[complex, float]]:
     """Return λ in 1/s and the variance in T² of each mode of a term."""
-    constants_s, variances_T2 = slow_modes(term, rate_hz, span_s)
+    constants_s, variances_T2 = slow_modes(mend, term)
     modes = list(zip(1 / constants_s.astype(complex), variances_T2, strict=True))
     if term.band_hz is not None:
         low, high = term.band_hz
@@ -125,14 +110,11 @@ def _readings_of(decay: NDArray[np.complexfloating], rate_hz: float) -> NDArray[
     return np.asarray(np.exp(0.5j * (angle + np.angle(decay))))
 
 
-class StreamedEffect(Protocol):
-    """An effect on samples that arrive."""
-
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        """Return the rows (N, 3K + 1) of the next samples with the effect in them, tesla."""
+Addition = Callable[[FloatArray, Covariates], FloatArray]
+"""Returns the rows (N, 3K + 1) of the next samples with something more in them, tesla."""
 
 
-def streamed(fitted: FittedEffect, generator: np.random.Generator) -> list[StreamedEffect]:
+def streamed(fitted: FittedEffect, generator: np.random.Generator) -> list[Addition]:
     """Return an effect for samples that arrive; where it is random, each contribution by itself.
 
     Parameters
@@ -169,7 +151,7 @@ class _Recursive:
     def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
         self._fitted, self._generator, self._memory = fitted, generator, Memory()
 
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+    def __call__(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
         self._memory.rewind()
         here = replace(covariates, memory=self._memory)
         return effect_named(self._fitted.effect).add(rows_T, here, self._fitted, self._generator)
@@ -193,12 +175,12 @@ class _FromThePast:
         self._fitted, self._generator = fitted, generator
         self._past: Covariates | None = None
 
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+    def __call__(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
         samples = (slice(index, index + 1) for index in range(len(rows_T)))
         return np.concatenate([self._with(rows_T[one], covariates.take(one)) for one in samples])
 
     def _with(self, row_T: FloatArray, sample: Covariates) -> FloatArray:
-        past = sample if self._past is None else _joined(self._past, sample)
+        past = sample if self._past is None else _joined(self._past, sample.time_s, sample.field_T)
         self._past = past.take(past.stretches[-1]).take(slice(-_WINDOW, None))
         course = _continued(self._past)
         nothing = np.zeros((course.sample_count, row_T.shape[1]))
@@ -206,9 +188,9 @@ class _FromThePast:
         return np.asarray(row_T + signal[-1 - NEIGHBOURS // 2])
 
 
-def _joined(past: Covariates, sample: Covariates) -> Covariates:
-    """Return time and field of one sample behind those of others."""
-    time, field = (np.concatenate(both) for both in ((past.time_s, sample.time_s), (past.field_T, sample.field_T)))
+def _joined(past: Covariates, time_s: FloatArray, field_T: FloatArray) -> Covariates:
+    """Return time and field of samples with those of further ones (n,) and (n, 3) behind them."""
+    time, field = np.concatenate([past.time_s, time_s]), np.concatenate([past.field_T, field_T])
     return Covariates(time, field, past.errors, past.array)
 
 
@@ -224,8 +206,7 @@ def _continued(past: Covariates) -> Covariates:
     extrapolated = (
         ahead[:, None] ** powers @ np.linalg.lstsq(known[:, None] ** powers, past.field_T[-count:], rcond=None)[0]
     )
-    time = np.concatenate([past.time_s, past.time_s[-1] + step * ahead])
-    return Covariates(time, np.concatenate([past.field_T, extrapolated]), past.errors, past.array)
+    return _joined(past, past.time_s[-1] + step * ahead, extrapolated)
 
 
 class _Spikes:
@@ -238,7 +219,7 @@ class _Spikes:
         self._when, self._what = generator.spawn(2)
         self._since = self._burst
 
-    def added(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
+    def __call__(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
         index, touched = np.arange(len(rows_T)), rows_of(self._part, covariates)
         starts = np.where(self._when.random(len(index)) < self._chance, index, -self._since)
         latest = np.maximum.accumulate(starts)
@@ -267,7 +248,7 @@ class _Stale(_Spikes):
         return np.asarray(known[np.maximum(source + len(past), 0)])
 
 
-_STREAMS: dict[str, Callable[[FittedEffect, np.random.Generator], StreamedEffect]] = {
+_STREAMS: dict[str, Callable[[FittedEffect, np.random.Generator], Addition]] = {
     "of_sample": _Recursive,
     "of_course": _FromThePast,
     "spikes": _Spikes,
@@ -308,14 +289,15 @@ class Additions:
         """Begin a run."""
         self._newest_s = -np.inf
         noise, *own = self._generator.spawn(1 + len(self._mend.added))
-        of_field: list[StreamedEffect] = []
-        of_reading: list[StreamedEffect] = []
+        of_field: list[Addition] = []
+        of_reading: list[Addition] = []
         pairs = zip(self._mend.added, own, strict=True)
         with _values_known():
             for fitted, generator in sorted(pairs, key=lambda pair: effect_named(pair[0].effect).output_stage):
                 is_of_field = isinstance(effect_named(fitted.effect), LinearEffect)
                 (of_field if is_of_field else of_reading).extend(streamed(fitted, generator))
-        self._steps = [*of_field, _noise_stream(self._mend, noise), *of_reading]
+        stream = NoiseStream(self._mend, noise)
+        self._steps = [*of_field, lambda rows, covariates: rows + stream.drawn(covariates.time_s), *of_reading]
 
     def __call__(
         self,
@@ -370,7 +352,7 @@ class Additions:
         rows = _rows(batch)
         with _values_known():
             for step in self._steps:
-                rows = step.added(rows, covariates)
+                rows = step(rows, covariates)
         made = _recording(batch, rows)
         return made.readings_T.reshape(shape), made.scalar_T
 
@@ -402,7 +384,7 @@ def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | N
     covariates = _covariates(mend, run, errors, float(run.time_s[0]))
     noise, *own = np.random.default_rng(seed).spawn(1 + len(mend.added))
     rows = add_effects(_rows(run), covariates, mend.added, own, "field")
-    rows = rows + _noise_stream(mend, noise).drawn(run.time_s)
+    rows = rows + NoiseStream(mend, noise).drawn(run.time_s)
     return _recording(recording, add_effects(rows, covariates, mend.added, own, "reading"))
 
 
@@ -440,12 +422,6 @@ def _check(mend: Mend, recording: Recording) -> None:
             if getattr(recording, channel) is None:
                 words = channel_in_words(channel)
                 raise InputError(f"{fitted.effect} follows the {words}: give {channel} of the simulation")
-
-
-def _noise_stream(mend: Mend, generator: np.random.Generator) -> NoiseStream:
-    calibration = mend.calibration
-    span_s = calibration.time_span_s[1] - calibration.time_span_s[0]
-    return NoiseStream(mend.noise, 3 * calibration.array.sensor_count + 1, mend.rate_hz, span_s, generator)
 
 
 def _covariates(mend: Mend, recording: Recording, errors: SensorErrors, first_s: float) -> Covariates:

@@ -85,7 +85,7 @@ _FREQUENCIES = 100
 """At which the density is fitted, equally far from each other on a logarithmic scale."""
 
 
-def slow_modes(term: NoiseTerm, rate_hz: float, span_s: float, is_one: bool = False) -> tuple[FloatArray, FloatArray]:
+def slow_modes(mend: Mend, term: NoiseTerm, is_one: bool = False) -> tuple[FloatArray, FloatArray]:
     """Return the first-order processes whose sum has the density of a term's slow noise, none where it has none.
 
     Their variances are fitted by non-negative least squares to the density, as a part of that of slow and white noise
@@ -93,12 +93,10 @@ def slow_modes(term: NoiseTerm, rate_hz: float, span_s: float, is_one: bool = Fa
 
     Parameters
     ----------
+    mend : Mend
+        Tells rate and span of the recording that showed the noise.
     term : NoiseTerm
         With knee, exponent and the white noise that they are relative to.
-    rate_hz : float
-        Of the samples to which the white noise belongs, hertz.
-    span_s : float
-        Of the recording that showed the noise, seconds.
     is_one : bool
         Whether it shall be the single process that comes nearest; by default as many as it takes.
 
@@ -111,8 +109,9 @@ def slow_modes(term: NoiseTerm, rate_hz: float, span_s: float, is_one: bool = Fa
 
     if np.isnan(term.knee_hz) or term.white_T == 0:
         return np.empty(0), np.empty(0)
+    rate_hz, (start_s, stop_s) = mend.rate_hz, mend.calibration.time_span_s
     shortest = 1 / (np.pi * rate_hz)
-    longest = max(span_s, 10 * shortest)
+    longest = max(stop_s - start_s, 10 * shortest)
     constants = np.geomspace(shortest, longest, 1 + int(np.ceil(_PER_DECADE * np.log10(longest / shortest))))
     frequency = np.geomspace(1 / longest, rate_hz / 2, _FREQUENCIES)
     above_white = (term.knee_hz / frequency) ** term.exponent
@@ -167,8 +166,7 @@ def _sdf_axis(mend: Mend, sensor: int, axis: int) -> str:
         "bias_mean": 0.0,
         "bias_stddev": np.nan_to_num(calibration.standard_errors[sensor, 6 + axis]),
     }
-    span_s = calibration.time_span_s[1] - calibration.time_span_s[0]
-    for constant_s, variance_T2 in zip(*slow_modes(term, mend.rate_hz, span_s, is_one=True), strict=True):
+    for constant_s, variance_T2 in zip(*slow_modes(mend, term, is_one=True), strict=True):
         elements["dynamic_bias_stddev"] = np.sqrt(2 * variance_T2 / constant_s)
         elements["dynamic_bias_correlation_time"] = constant_s
     if step is not None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from scipy.signal import welch
 from tam_calibration.comparison import additions
 from tam_calibration.comparison import mend as mend_module
 from tam_calibration.comparison.additions import Additions, NoiseStream, mended
-from tam_calibration.comparison.mend import NoiseTerm, slow_modes
+from tam_calibration.comparison.mend import Mend, NoiseTerm, slow_modes
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -251,15 +252,19 @@ BAND = NoiseTerm(2, "z", WHITE_T, 0.0, band_hz=(9.0, 11.0), band_T=3e-9)
 SCALAR = NoiseTerm(0, "", WHITE_T, 0.5e-9)
 
 
+def mend_with(*terms):
+    """Return a mend with noise of two sensors and the scalar."""
+    return Mend((), (), terms, SimpleNamespace(array=Array(np.zeros((2, 3))), time_span_s=(0.0, SPAN_S)), RATE_HZ)
+
+
 def drawn(terms, samples, seed=1, step_s=1 / RATE_HZ):
     """Return noise (N, 7) of two sensors and the scalar."""
-    stream = NoiseStream(terms, 7, RATE_HZ, SPAN_S, np.random.default_rng(seed))
-    return stream.drawn(step_s * np.arange(samples))
+    return NoiseStream(mend_with(*terms), np.random.default_rng(seed)).drawn(step_s * np.arange(samples))
 
 
 def density_error(exponent):
     """Return the largest relative error of the density of white and slow noise together."""
-    constants_s, variances_T2 = slow_modes(NoiseTerm(1, "x", WHITE_T, 0.0, KNEE_HZ, exponent), RATE_HZ, SPAN_S)
+    constants_s, variances_T2 = slow_modes(mend_with(), NoiseTerm(1, "x", WHITE_T, 0.0, KNEE_HZ, exponent))
     frequency = np.geomspace(1 / SPAN_S, RATE_HZ / 2, 400)
     decay = np.exp(-1 / (RATE_HZ * constants_s))
     transfer = 1 / np.abs(1 - decay * np.exp(-2j * np.pi * frequency / RATE_HZ)[:, None]) ** 2
@@ -336,15 +341,15 @@ def test_slow_noise_is_the_same_at_another_rate():
 def test_a_single_mode_comes_nearest():
     """What simulators hold is one process: of white noise on a random walk it is all, to a hundredth."""
     walk = NoiseTerm(1, "x", WHITE_T, 0.0, 0.1, 2.0)
-    (_, alone_T2), (_, all_T2) = slow_modes(walk, RATE_HZ, SPAN_S, True), slow_modes(walk, RATE_HZ, SPAN_S)
+    (_, alone_T2), (_, all_T2) = slow_modes(mend_with(), walk, True), slow_modes(mend_with(), walk)
     assert alone_T2.sum() == pytest.approx(all_T2.sum(), rel=0.05)
-    assert [len(each) for each in slow_modes(SLOW, RATE_HZ, SPAN_S, True)] == [1, 1]
-    assert [len(each) for each in slow_modes(SCALAR, RATE_HZ, SPAN_S)] == [0, 0]
+    assert [len(each) for each in slow_modes(mend_with(), SLOW, True)] == [1, 1]
+    assert [len(each) for each in slow_modes(mend_with(), SCALAR)] == [0, 0]
 
 
 def test_it_begins_anew_where_time_goes_back():
     """The first sample of a second run has no memory of the first."""
-    stream = NoiseStream([SLOW], 7, RATE_HZ, SPAN_S, np.random.default_rng(1))
+    stream = NoiseStream(mend_with(SLOW), np.random.default_rng(1))
     runs = np.array([stream.drawn(np.arange(50) / RATE_HZ)[[0, -1], 1] for _ in range(400)])
     assert abs(np.corrcoef(runs[1:, 0], runs[:-1, 1])[0, 1]) < 0.15
     assert runs[:, 0].std() == pytest.approx(runs[:, 1].std(), rel=0.2)
