@@ -7,7 +7,6 @@ this helps: how far from an added source ``tam locate`` would find it.
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
@@ -182,15 +181,15 @@ def _closing(
             mended = side_of(twin, simulation.array, progress)
         except (InputError, Refused) as problem:
             untried = f"the mend cannot be tried in the simulation's run: {problem}"
-            return Closing(**_size(before, float("nan"), (0.0, 1.0), recording), left=untried)
+            return replace(_sizes_of(before, float("nan"), (0.0, 1.0), recording), left=untried)
         left = differences_between(mended, recording).that_show
     interval = _interval(before, left.energy, left.undecided_energy, recording.gap.channel_count)
     source = source_of(recording)
     of_simulation, of_recording, of_mended = (
         None if source is None else source_error(one.recording, one, source) for one in (simulation, recording, mended)
     )
-    return Closing(
-        **_size(before, left.energy, interval, recording),
+    return replace(
+        _sizes_of(before, left.energy, interval, recording),
         steps=_steps(differences, left.energy),
         simulation_source=of_simulation,
         recording_source=of_recording,
@@ -199,15 +198,14 @@ def _closing(
     )
 
 
-def _size(before: float, after: float, interval: tuple[float, float], side: Side) -> dict[str, Any]:
-    """Return ``Size`` by name, for energies before and after in units of a side's noise floor."""
+def _sizes_of(before: float, after: float, interval: tuple[float, float], side: Side) -> Closing:
+    """Return the sizes of the gap for energies before and after, in squares of a side's noise floor."""
     array, floor_T = side.calibration.array, side.gap.size.floor_T
-    gradient = float(np.linalg.norm(side.calibration.output_standard_errors[3:])) if array.has_gradient else np.nan
+    gradient = float(norm(side.calibration.output_standard_errors[3:])) if array.has_gradient else np.nan
     closed = max(1 - after / before, 0.0) if before > 0 else 0.0 * after
-    sizes = {"before": float(np.sqrt(before)), "after": float(np.sqrt(after))}
-    units = {"": 1.0, "_T": floor_T, "_T_per_m": gradient}
-    scaled = {name + unit: size * factor for unit, factor in units.items() for name, size in sizes.items()}
-    return {**scaled, "floor_T": floor_T, "closed": closed, "closed_interval": interval}
+    first, last = float(np.sqrt(before)), float(np.sqrt(after))
+    in_units = first * floor_T, last * floor_T, first * gradient, last * gradient
+    return Closing(first, last, *in_units, floor_T, closed, interval)
 
 
 def _interval(before: float, after: float, undecided: float, count: float) -> tuple[float, float]:

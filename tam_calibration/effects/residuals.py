@@ -1,7 +1,7 @@
 """Whitened residuals of a model, places in them, and what is found there otherwise than by regression."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -70,10 +70,9 @@ class WhitenedResiduals:
 
     def energy_without(self, shift_T: FloatArray) -> FloatArray:
         """Return the residual energy (N,) after subtracting shifts (N, 3K) from the readings, tesla."""
-        common = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
-        return np.asarray(
-            np.sum((self.differential - shift_T @ self.directions) ** 2, axis=1) + np.nan_to_num(common) ** 2
-        )
+        differential = self.differential - shift_T @ self.directions
+        common_mode = self.common_mode - np.sum(self.row_slope[:, :-1] * shift_T, axis=1)
+        return replace(self, differential=differential, common_mode=common_mode).energy
 
     @cached_property
     def row_deviations(self) -> FloatArray:

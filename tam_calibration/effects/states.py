@@ -231,11 +231,10 @@ def gross_bias_jump(recording: Recording) -> FittedEffect | None:
     thinning = recording.sample_count * recording.sensor_count // 500_000 + 1
     recording = recording.take(slice(None, None, thinning))
     sums = _Sums(recording)
-    best = best_cuts(sums.residual_energy, recording.sample_count)
+    best = best_cuts(lambda cuts: sums.two_spheres(cuts)[1], recording.sample_count)
     if best is None:
         return None
-    one, two = sums.residual_energy(np.array([[0, recording.sample_count], best]))
-    jump = sums.jump(best)
+    (_, jump), (one, two) = sums.two_spheres(np.array([[0, recording.sample_count], best]))
     if NOTABLE * one < two or norm(jump, axis=1).max() < MINOR:
         return None
     contributions = tuple(
@@ -261,15 +260,14 @@ class _Sums:
         self.total = np.zeros((recording.sample_count + 1, recording.sensor_count, 5, 5))
         np.cumsum(own[..., :, None] * own[..., None, :], axis=0, out=self.total[1:])
 
-    def residual_energy(self, cuts: NDArray[np.intp]) -> FloatArray:
-        """Return the residual energies (C,) of two spheres, one between each pair of cuts (C, 2), one outside."""
-        inside = self.total[cuts[:, 1]] - self.total[cuts[:, 0]]
-        return np.asarray(np.sum(self._fit(inside)[1] + self._fit(self.total[-1] - inside)[1], axis=1))
+    def two_spheres(self, cuts: Cuts) -> tuple[FloatArray, FloatArray]:
+        """Return the offset (C, K, 3) of a sphere between two cuts (C, 2) from one outside, and their residual energy.
 
-    def jump(self, cuts: NDArray[np.intp]) -> FloatArray:
-        """Return the offset of the sphere between two cuts from the other, (K, 3), in units of the field."""
-        inside = self.total[cuts[1]] - self.total[cuts[0]]
-        return (self._fit(inside)[0] - self._fit(self.total[-1] - inside)[0])[:, :3] / 2
+        The offset is in units of the field; the energies (C,) are of both spheres together.
+        """
+        between = self.total[cuts[:, 1]] - self.total[cuts[:, 0]]
+        (inside, energy), (outside, further_energy) = self._fit(between), self._fit(self.total[-1] - between)
+        return (inside - outside)[..., :3] / 2, np.sum(energy + further_energy, axis=1)
 
     def _fit(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return coefficients (..., 4) and residual energy (...) of spheres fitted to samples with sums (..., 5, 5)."""
