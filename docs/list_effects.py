@@ -6,8 +6,11 @@ Run ``python docs/list_effects.py`` after an effect was changed; a test compares
 import re
 from pathlib import Path
 
+import numpy as np
+
 from tam_calibration.effects.effect import Effect, Limit, LinearEffect
 from tam_calibration.effects.library import installed_effects
+from tam_calibration.model.units import to_nanotesla
 
 PAGE = Path(__file__).parent / "reference" / "effects.md"
 BEGIN, END = "<!-- effects: written by docs/list_effects.py -->\n", "<!-- end of effects -->\n"
@@ -61,8 +64,15 @@ def _limits(effect: Effect) -> str:
     limits = dict(effect.limits)
     if signal := _signal(effect):
         limits["part of the field" if signal.unit == "1" else "size"] = signal
-    sizes = ". ".join(f"{name} {limit.with_unit(limit.largest)}" for name, limit in limits.items())
+    sizes = ". ".join(f"{name} {with_unit(limit.largest, limit.unit)}" for name, limit in limits.items())
     return f"| `{effect.name}` | {sizes} |"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """Return a value in an SI unit as people read it: teslas as nanoteslas."""
+    is_field = unit.startswith("T")
+    number = np.format_float_positional(to_nanotesla(value) if is_field else value, 3, fractional=False, trim="-")
+    return number if unit == "1" else f"{number} {'n' * is_field}{unit}"
 
 
 def _signal(effect: Effect) -> Limit | None:

@@ -21,7 +21,7 @@ from tam_calibration.effects.residuals import Finding, WhitenedResiduals
 from tam_calibration.effects.term import Coefficient, Key, Term, rows_of
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect, Shape
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray
 
 __all__ = [
     "ALL",
@@ -51,12 +51,6 @@ class Limit:
     source: str
     unit: str = "1"
 
-    def with_unit(self, value: float) -> str:
-        """Return a value in this unit as people read it."""
-        is_field = self.unit.startswith("T")
-        number = np.format_float_positional(to_nanotesla(value) if is_field else value, 3, fractional=False, trim="-")
-        return number if self.unit == "1" else f"{number} {'n' * is_field}{self.unit}"
-
 
 @dataclass(frozen=True)
 class Sized:
@@ -67,12 +61,9 @@ class Sized:
     limit: Limit
 
     @property
-    def excess(self) -> str | None:
-        """That it is larger than any in nature, whatever its sign, in one clause; None where it is not."""
-        if abs(self.value) <= self.limit.largest:
-            return None
-        size, known = self.limit.with_unit(self.value), self.limit.with_unit(self.limit.largest)
-        return f"its {self.name} of {size} is more than the {known} known ({self.limit.source})"
+    def is_natural(self) -> bool:
+        """Whether it is no larger than the largest in nature, whatever its sign."""
+        return abs(self.value) <= self.limit.largest
 
 
 def _told(value: Any) -> Any:
@@ -156,8 +147,8 @@ class Effect(ABC):
         for key, value in CAUSES.get(place, {}).items():
             setattr(cls, key, value)
 
-    def oversize(self, covariates: Covariates, fitted: FittedEffect) -> str | None:
-        """Return which value of a fitted effect is larger than any in nature, in one clause; None where none is.
+    def is_natural(self, covariates: Covariates, fitted: FittedEffect) -> bool:
+        """Whether no value of a fitted effect is larger than any in nature.
 
         Parameters
         ----------
@@ -166,7 +157,7 @@ class Effect(ABC):
         fitted : FittedEffect
             Its values are compared with ``limits``.
         """
-        return next((sized.excess for sized in self.sizes(covariates, fitted) if sized.excess), None)
+        return all(sized.is_natural for sized in self.sizes(covariates, fitted))
 
     def sizes(self, covariates: Covariates, fitted: FittedEffect) -> list[Sized]:
         """Return the sizes of a fitted effect of which nature has a largest one.

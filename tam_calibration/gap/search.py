@@ -177,7 +177,7 @@ def is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:
         is_there = not places or ALL in own or own <= places
         return is_there and not (effect_named(offer.effect).is_of_lone_samples and _is_repeated(base, offer.form))
     fitted = Part.at(base, offer.form).fitted(offer.form.terms)
-    return offer.form.effect.oversize(base.channels.covariates, fitted) is None
+    return offer.form.effect.is_natural(base.channels.covariates, fitted)
 
 
 def _is_repeated(base: Base, form: Finding) -> bool:
@@ -339,7 +339,7 @@ class _CauseSearch:
         if not isinstance(form, Hypothesis):
             return None if self._takes_law(form, law) else left
         channels, part = model.base().channels, model.parts[-1]
-        if part.effect.oversize(channels.covariates, part.fitted(part.terms(channels))) is not None:
+        if not part.effect.is_natural(channels.covariates, part.fitted(part.terms(channels))):
             return None
         is_gone = self._is_gone(law, others, left) and not _is_open_at_poses(part.effect, self._model, model)
         return left if is_gone else None

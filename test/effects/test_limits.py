@@ -1,6 +1,8 @@
 """The sizes that effects have in nature."""
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ import pytest
 from tam_calibration.effects.effect import Limit, LinearEffect, Sized
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+
+with_unit = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "list_effects.py"))["with_unit"]
 
 NATURAL = {
     "temperature_drift": ({"time_constant_s": 0.0, "reference_C": 20.0}, (0, 0, "offset", {"offset": 730e-9})),
@@ -104,8 +108,15 @@ COUNTED = {"stale_samples", "interpolated_samples"}
 
 
 def oversize(covariates, name, shape, contribution):
-    """Return what an effect says of a value."""
-    return effect_named(name).oversize(covariates, FittedEffect(name, shape, (Contribution(*contribution),)))
+    """Return in one clause which value of an effect is larger than any in nature; None where none is."""
+    effect, fitted = effect_named(name), FittedEffect(name, shape, (Contribution(*contribution),))
+    sized = next((sized for sized in effect.sizes(covariates, fitted) if not sized.is_natural), None)
+    assert effect.is_natural(covariates, fitted) == (sized is None)
+    if sized is None:
+        return None
+    limit = sized.limit
+    size, known = with_unit(sized.value, limit.unit), with_unit(limit.largest, limit.unit)
+    return f"its {sized.name} of {size} is more than the {known} known ({limit.source})"
 
 
 @pytest.mark.parametrize("name", NATURAL)
@@ -153,7 +164,13 @@ def test_a_size_relative_to_the_field_grows_with_it(turning):
 
 def test_a_value_is_told_in_its_unit():
     """Teslas are told as nanoteslas; what has no unit has none."""
-    assert Limit(1.0, "a book", "T/K").with_unit(12e-9) == "12 nT/K"
-    assert Limit(1.0, "a book", "rad").with_unit(0.5) == "0.5 rad"
-    assert Sized("gain", 1.0, Limit(1.0, "a book")).excess is None
-    assert Sized("gain", float(np.nextafter(1, 2)), Limit(1.0, "a book")).excess is not None
+    assert with_unit(12e-9, "T/K") == "12 nT/K"
+    assert with_unit(0.5, "rad") == "0.5 rad"
+    assert with_unit(0.5, "1") == "0.5"
+
+
+def test_the_largest_in_nature_is_natural():
+    """The next larger number is not, whatever its sign."""
+    limit, larger = Limit(1.0, "a book"), float(np.nextafter(1, 2))
+    assert Sized("gain", 1.0, limit).is_natural and Sized("gain", -1.0, limit).is_natural
+    assert not (Sized("gain", larger, limit).is_natural or Sized("gain", -larger, limit).is_natural)

@@ -67,7 +67,7 @@ def test_more_than_a_tenth_of_a_second_is_no_jitter(turning):
     """That is as long as a system holds up a process; 80 ms may be, 120 ms may not."""
     for size, is_too_large in ((0.08, False), (0.12, True)):
         part = Contribution(0, None, "jitter", {"standard deviation": size})
-        assert (JITTER.oversize(turning(), FittedEffect("timing_jitter", {}, (part,))) is not None) == is_too_large
+        assert JITTER.is_natural(turning(), FittedEffect("timing_jitter", {}, (part,))) != is_too_large
 
 
 def test_the_twin_shows_what_was_found(bench):
