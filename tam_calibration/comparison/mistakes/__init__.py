@@ -1,20 +1,9 @@
 """Gross mistakes of simulators: units, frames, the world's field and noise, found before anything is fitted."""
 
-from tam_calibration.comparison.mistakes.frames import (
-    frames_of,
-    ignored_field,
-    mistaken_attitude,
-    mistaken_axes,
-    mistaken_field,
-    turned_against_others,
-    unturned,
-    without_field,
-)
+from tam_calibration.comparison.mistakes.frames import mistaken_frames
 from tam_calibration.comparison.mistakes.noise import mistaken_noise
 from tam_calibration.comparison.mistakes.units import mistaken_stamps, mistaken_units
 from tam_calibration.comparison.result import Mistake
-from tam_calibration.integrity.fault import Overview
-from tam_calibration.integrity.placement import Motion, placements
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
 
@@ -43,23 +32,6 @@ def mistakes_of(
     return (
         *units,
         *mistaken_stamps(simulation, recording),
-        *_of_field_and_frames(simulation, recording),
+        *mistaken_frames(simulation, recording),
         *mistaken_noise(simulation, recording, array),
     )
-
-
-def _of_field_and_frames(simulation: Recording, recording: Recording) -> list[Mistake]:
-    count, silent = simulation.sensor_count, without_field(simulation, recording)
-    if len(silent) == count:
-        return list(ignored_field(silent, [], count))
-    own, other = Overview.of(simulation), Overview.of(recording)
-    other_motion = Motion.of(other.recording.attitude)
-    right = [] if other_motion is None else placements(other, other_motion)
-    attitude, motion, placed = mistaken_attitude(own, right)
-    stuck = [] if motion is None else [each for each in unturned(own, motion, placed) if each not in silent]
-    mistakes = [*ignored_field(silent, stuck, count), *attitude]
-    frames = frames_of(placed, right)
-    if frames is None or motion is None or other_motion is None:
-        return [*mistakes, *turned_against_others(own, other)]
-    world = mistaken_field(frames, motion, other_motion)
-    return [*mistakes, *mistaken_axes(frames), *([] if world is None else [world])]

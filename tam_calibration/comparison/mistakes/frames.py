@@ -79,18 +79,34 @@ _CONVENTIONS: tuple[tuple[Mistake, Callable[[FloatArray], FloatArray]], ...] = (
 """How an attitude may have been written, and what makes x, y, z, w from array to world of it."""
 
 
-def mistaken_attitude(
-    overview: Overview, right: list[Placement]
-) -> tuple[list[Mistake], Motion | None, list[Placement]]:
-    """Return how the attitude of a simulation was written wrongly, and its motion and sensors with the right one.
+def mistaken_frames(simulation: Recording, recording: Recording) -> list[Mistake]:
+    """Return what is wrong with the axes, the attitude and the field of the world of a simulation.
 
     Parameters
     ----------
-    overview : Overview
-        Of the simulation, in tesla.
-    right : list of Placement
-        Of the sensors of the recording; without them those of the simulation are taken to lie as the array.
+    simulation, recording : Recording
+        The two, in tesla.
     """
+    count, silent = simulation.sensor_count, _without_field(simulation, recording)
+    if len(silent) == count:
+        return list(_ignored_field(silent, [], count))
+    own, other = Overview.of(simulation), Overview.of(recording)
+    other_motion = Motion.of(other.recording.attitude)
+    right = [] if other_motion is None else placements(other, other_motion)
+    attitude, motion, placed = _mistaken_attitude(own, right)
+    stuck = [] if motion is None else [each for each in _unturned(own, motion, placed) if each not in silent]
+    mistakes = [*_ignored_field(silent, stuck, count), *attitude]
+    frames = _frames_of(placed, right)
+    if frames is None or motion is None or other_motion is None:
+        return [*mistakes, *_turned_against_others(own, other)]
+    world = _mistaken_field(frames, motion, other_motion)
+    return [*mistakes, *_mistaken_axes(frames), *([] if world is None else [world])]
+
+
+def _mistaken_attitude(
+    overview: Overview, right: list[Placement]
+) -> tuple[list[Mistake], Motion | None, list[Placement]]:
+    """Return how the attitude of a simulation was written wrongly, and its motion and sensors with the right one."""
     attitude = overview.recording.attitude
     stated = Motion.of(attitude)
     if attitude is None or stated is None:
@@ -118,14 +134,8 @@ def _agreeing(placed: list[Placement], right: list[Placement]) -> int:
     return sum(bool((own.possible & other.possible).any()) for own, other in zip(placed, right, strict=False))
 
 
-def frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
-    """Return the frames of the simulation relative to those of the recording; None where attitude does not show them.
-
-    Parameters
-    ----------
-    one, other : list of Placement
-        Of the sensors of the simulation and of the recording.
-    """
+def _frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
+    """Return the simulation's frames relative to the recording's; None where attitude does not show them."""
     pairs = {
         sensor: (own, right, *_axes(own, right))
         for sensor, (own, right) in enumerate(zip(one, other, strict=False))
@@ -142,14 +152,8 @@ def frames_of(one: list[Placement], other: list[Placement]) -> Frames | None:
     return Frames(of_all, np.median(signs[:, None] * fields, axis=0), np.median(rights, axis=0))
 
 
-def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
-    """Yield the sensors whose axes are turned or mirrored against those of the recording, equal ones together.
-
-    Parameters
-    ----------
-    frames : Frames
-        Of the two.
-    """
+def _mistaken_axes(frames: Frames) -> Iterator[Mistake]:
+    """Yield the sensors whose axes are turned or mirrored against those of the recording, equal ones together."""
     count = len(frames.turns)
     names = [_name(turn) for turn in frames.turns]
     for kind, way, mend in dict.fromkeys(name for name in names if name is not None):
@@ -158,15 +162,10 @@ def mistaken_axes(frames: Frames) -> Iterator[Mistake]:
         yield Mistake(kind, f"the simulation's axes of {where} are not the recording's: {way}", where, mend)
 
 
-def turned_against_others(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
+def _turned_against_others(simulation: Overview, recording: Overview) -> Iterator[Mistake]:
     """Yield the sensors that are mirrored against others in the simulation alone, or turned against equal ones.
 
     Readings show it without attitude. Of sensors that lie as in the recording, most are taken to be right.
-
-    Parameters
-    ----------
-    simulation, recording : Overview
-        Of the two, the first in tesla.
     """
     sensors = range(recording.sensor_count)
     turns = max(
@@ -271,32 +270,16 @@ _WORDS = {
 """What each mistake is, and what to change."""
 
 
-def without_field(simulation: Recording, recording: Recording) -> list[int]:
-    """Return the sensors, numbered from 1, of the simulation that read nothing but noise.
-
-    Parameters
-    ----------
-    simulation, recording : Recording
-        The two, in tesla.
-    """
+def _without_field(simulation: Recording, recording: Recording) -> list[int]:
+    """Return the sensors, numbered from 1, of the simulation that read nothing but noise."""
     usual = float(np.median(np.linalg.norm(recording.readings_T, axis=2)))
     own = np.median(np.linalg.norm(simulation.readings_T, axis=2), axis=0)
     # Less than 1 µT is no field.
     return [sensor for sensor, size in enumerate(own, 1) if size < 0.02 * usual]
 
 
-def unturned(overview: Overview, motion: Motion, placed: list[Placement]) -> list[int]:
-    """Return the sensors, numbered from 1, whose readings do not turn where the attitude does.
-
-    Parameters
-    ----------
-    overview : Overview
-        Of the simulation, in tesla.
-    motion : Motion
-        Of its samples.
-    placed : list of Placement
-        Of its sensors.
-    """
+def _unturned(overview: Overview, motion: Motion, placed: list[Placement]) -> list[int]:
+    """Return the sensors, numbered from 1, whose readings do not turn where the attitude does."""
     turning = float(motion.extent[1])
     if turning < TILT:
         return []
@@ -312,16 +295,8 @@ def unturned(overview: Overview, motion: Motion, placed: list[Placement]) -> lis
     ]
 
 
-def ignored_field(silent: list[int], stuck: list[int], count: int) -> Iterator[Mistake]:
-    """Yield what is to be said of sensors that read no field, and of those that do not turn in it.
-
-    Parameters
-    ----------
-    silent, stuck : list of int
-        Numbers of these sensors.
-    count : int
-        Number of all sensors of the simulation.
-    """
+def _ignored_field(silent: list[int], stuck: list[int], count: int) -> Iterator[Mistake]:
+    """Yield what is to be said of sensors that read no field, and of those that do not turn in it."""
     for sensors, way in ((silent, "reads nothing but noise about zero"), (stuck, "does not turn with the attitude")):
         if sensors:
             where = sensors_in_words(sensors, count)
@@ -335,16 +310,8 @@ def ignored_field(silent: list[int], stuck: list[int], count: int) -> Iterator[M
             )
 
 
-def mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None:
-    """Return what is wrong with the field of the simulation's world, compared with the recording's; None for nothing.
-
-    Parameters
-    ----------
-    frames : Frames
-        Of the two.
-    one, other : Motion
-        Of the simulation and of the recording.
-    """
+def _mistaken_field(frames: Frames, one: Motion, other: Motion) -> Mistake | None:
+    """Return what is wrong with the field of the simulation's world; None where nothing is."""
     if min(one.extent[0], other.extent[0]) < TILT:
         return None
     own, right = frames.simulation_T, frames.recording_T

@@ -64,14 +64,14 @@ def test_a_world_that_hardly_turns_tells_no_field(deviation, is_told):
     heading = Rotation.from_euler("z", generator.uniform(0, 2 * np.pi, (2000, 1)))
     motion = Motion.of((heading * Rotation.from_rotvec(tilts)).as_quat())
     found = Frames(np.eye(3)[None], OTHER_HEMISPHERE, RIGHT)
-    assert (frames.mistaken_field(found, motion, motion) is not None) == is_told
+    assert (frames._mistaken_field(found, motion, motion) is not None) == is_told
 
 
 @pytest.mark.parametrize(("part", "silent"), [(0.017, [1]), (0.023, [])])
 def test_a_fiftieth_of_the_field_is_none(part, silent):
     """Readings of a sensor beside those of the recording."""
     one, other = (Recording(np.arange(50.0), np.full((50, 1, 3), size)) for size in (part * 3e-5, 3e-5))
-    assert frames.without_field(one, other) == silent
+    assert frames._without_field(one, other) == silent
 
 
 def test_axes_that_explain_the_readings():
