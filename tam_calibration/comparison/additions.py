@@ -35,7 +35,7 @@ from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import BLOCK, Recording, channel_in_words
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
-from tam_calibration.simulation.observe import add_effects
+from tam_calibration.simulation.observe import add_effects, with_rows
 
 
 class NoiseStream:
@@ -353,7 +353,7 @@ class Additions:
         with _values_known():
             for step in self._steps:
                 rows = step(rows, covariates)
-        made = _recording(batch, rows)
+        made = with_rows(batch, rows)
         return made.readings_T.reshape(shape), made.scalar_T
 
 
@@ -385,7 +385,7 @@ def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | N
     noise, *own = np.random.default_rng(seed).spawn(1 + len(mend.added))
     rows = add_effects(_rows(run), covariates, mend.added, own, "field")
     rows = rows + NoiseStream(mend, noise).drawn(run.time_s)
-    return _recording(recording, add_effects(rows, covariates, mend.added, own, "reading"))
+    return with_rows(recording, add_effects(rows, covariates, mend.added, own, "reading"))
 
 
 def _errors_of(mend: Mend, errors: SensorErrors | None) -> SensorErrors:
@@ -434,11 +434,3 @@ def _covariates(mend: Mend, recording: Recording, errors: SensorErrors, first_s:
 def _rows(recording: Recording) -> FloatArray:
     scalar = np.full(recording.sample_count, np.nan) if recording.scalar_T is None else recording.scalar_T
     return np.column_stack([recording.readings_T.reshape(recording.sample_count, -1), scalar])
-
-
-def _recording(recording: Recording, rows_T: FloatArray) -> Recording:
-    """Return a recording with other readings; the scalar is silent where it was."""
-    scalar = None
-    if recording.scalar_T is not None:
-        scalar = np.where(np.isfinite(recording.scalar_T), rows_T[:, -1], np.nan)
-    return replace(recording, readings_T=rows_T[:, :-1].reshape(recording.readings_T.shape), scalar_T=scalar)

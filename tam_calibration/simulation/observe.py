@@ -391,9 +391,21 @@ def twin(calibration: Calibration, recording: Recording, seed: int) -> Recording
     vector_T, scalar_T = _noise(calibration)
     rows[:, :-1] += vector_noise.normal(0, np.repeat(vector_T, 3), (len(field), covariates.scalar_row))
     rows[:, -1] += scalar_noise.normal(0, scalar_T, len(field))
-    rows = add_effects(rows, covariates, effects, of_effects, "reading")
-    scalar = None if recording.scalar_T is None else np.where(np.isfinite(recording.scalar_T), rows[:, -1], np.nan)
-    return replace(recording, readings_T=rows[:, :-1].reshape(recording.readings_T.shape), scalar_T=scalar)
+    return with_rows(recording, add_effects(rows, covariates, effects, of_effects, "reading"))
+
+
+def with_rows(recording: Recording, rows_T: FloatArray) -> Recording:
+    """Return a recording with other readings; the scalar is silent where it was.
+
+    Parameters
+    ----------
+    recording : Recording
+        N samples of K sensors.
+    rows_T : (N, 3K + 1) array
+        What the axes of all sensors read, and the scalar magnetometer, tesla.
+    """
+    scalar = None if recording.scalar_T is None else np.where(np.isfinite(recording.scalar_T), rows_T[:, -1], np.nan)
+    return replace(recording, readings_T=rows_T[:, :-1].reshape(recording.readings_T.shape), scalar_T=scalar)
 
 
 def _is_trusted(calibration: Calibration) -> NDArray[np.bool_]:
