@@ -203,10 +203,8 @@ def _continued(past: Covariates) -> Covariates:
     step = float(np.median(np.diff(past.time_s[-count:]))) if count > 1 else 1.0
     known, ahead = (past.time_s[-count:] - past.time_s[-1]) / step, np.arange(1.0, NEIGHBOURS // 2 + 1)
     powers = np.arange(1 + min(_DEGREE, count // 2))
-    extrapolated = (
-        ahead[:, None] ** powers @ np.linalg.lstsq(known[:, None] ** powers, past.field_T[-count:], rcond=None)[0]
-    )
-    return _joined(past, past.time_s[-1] + step * ahead, extrapolated)
+    coefficients = np.linalg.lstsq(known[:, None] ** powers, past.field_T[-count:], rcond=None)[0]
+    return _joined(past, past.time_s[-1] + step * ahead, ahead[:, None] ** powers @ coefficients)
 
 
 class _Spikes:

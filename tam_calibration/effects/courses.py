@@ -1,6 +1,6 @@
 """Effects whose course in time is recorded, as temperature and current, or their own: a slow drift, a tone."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.linalg import norm
@@ -48,8 +48,8 @@ class TemperatureDrift(LinearEffect):
             ),
         ]
 
-    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return drifts of offset and scale, the second order of the offset, and how the start settles.
+    def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
+        """Yield drifts of offset and scale, the second order of the offset, and how the start settles.
 
         The shape has ``time_constant_s`` and ``start_s``, seconds, ``reference_C``, °C, and ``inner_share``, part of
         the lag.
@@ -64,10 +64,9 @@ class TemperatureDrift(LinearEffect):
             since = covariates.time_s - shape["start_s"]
             left = np.exp(-np.maximum(since, 0.0) / outer) if outer > 0 else since == 0
             courses.append(("start", "T", np.where(since < 0, 0.0, left)))
-        terms = []
         for name, unit, course in courses:
-            terms += course_terms(covariates, name, {name: unit}, course[:, None])
-        return terms + axis_terms(covariates, "scale", {"scale": "1/K"}, change[:, None] * covariates.sensed_T)
+            yield from course_terms(covariates, name, {name: unit}, course[:, None])
+        yield from axis_terms(covariates, "scale", {"scale": "1/K"}, change[:, None] * covariates.sensed_T)
 
 
 class CurrentInterference(LinearEffect):
@@ -84,8 +83,8 @@ class CurrentInterference(LinearEffect):
         lags = (1.0, 5.0, 25.0, 125.0)
         return [reference, *({**reference, "time_constant_s": lag * covariates.step_s} for lag in lags)]
 
-    def terms(self, covariates: Covariates, shape: Shape) -> list[Term]:
-        """Return the field of the current at each axis and along the field at the scalar, its second order and lag.
+    def terms(self, covariates: Covariates, shape: Shape) -> Iterator[Term]:
+        """Yield the field of the current at each axis and along the field at the scalar, its second order and lag.
 
         The shape has ``reference_A``, ampere, and with a lagged part ``time_constant_s``, seconds.
         """
@@ -94,11 +93,10 @@ class CurrentInterference(LinearEffect):
         if "time_constant_s" in shape:
             late = lagged(current, covariates.time_s, shape["time_constant_s"], covariates.memory)
             courses.append(("lagged", "T/A", current - late))
-        terms = []
         for name, unit, course in courses:
-            terms += course_terms(covariates, name, {name: unit}, course)
+            yield from course_terms(covariates, name, {name: unit}, course)
         units = {f"field {axis}": "T/A" for axis in "xyz"}
-        return [*terms, scalar_term(covariates, "field", units, covariates.direction * current)]
+        yield scalar_term(covariates, "field", units, covariates.direction * current)
 
 
 class Flexure(LinearEffect):
