@@ -273,10 +273,13 @@ class _CauseSearch:
         )
 
     def _explain_all(self, laws: tuple[Law, ...], unexplained: "set[_Key]") -> tuple[Law, ...]:
-        """Explain laws but for some, and those of what is left; return the laws that remain."""
-        remaining, explained = laws, set[_Key]()
+        """Explain laws but for some, and those of what is left; return the laws that remain.
+
+        A law without a cause is tried again beside each further cause: large laws hide what each other follows.
+        """
+        remaining, explained, tried, open_laws = laws, set[_Key](), unexplained, self._open
         while len(self._steps) < MOST_CAUSES:
-            asked = [one for one in remaining if _key(one) not in unexplained and not self._is_small(one)]
+            asked = [one for one in remaining if _key(one) not in tried and not self._is_small(one)]
             if not asked:
                 break
             law = asked[0]
@@ -285,10 +288,11 @@ class _CauseSearch:
                 law = next((one for one in asked if one.found and sensors & set(one.signature.sensors)), law)
             left = self._explain(law, [one for one in remaining if one is not law])
             if left is None:
-                unexplained = unexplained | {_key(law)}
-                self._open += [law] if law.found else []
+                tried = tried | {_key(law)}
+                self._open = [*self._open, law] if law.found else self._open
                 continue
             explained.add(_key(law))
+            tried, self._open = unexplained, open_laws
             self._tell("laws", len(self._steps) / (MOST_CAUSES + 1))
             remaining = tuple(one for one in self._laws_of(left) if _key(one) not in explained)
         return remaining
