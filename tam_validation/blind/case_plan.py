@@ -28,9 +28,9 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("winch_drum", "scanning_multiplexer", "passing_boat"),
     *("warm_magnets", "hanging_tether"),
     *("railway_feeder", "wetted_metals"),
+    *("magnet_pump", "dropped_weight", "neighbouring_lift"),
 )
 """What disturbs all sensors leaves none to another cause."""
 

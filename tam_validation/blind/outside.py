@@ -28,11 +28,14 @@ from tam_validation.blind.disturbance import (
     proportional,
 )
 from tam_validation.blind.material import low_pass
-from tam_validation.blind.processes import draw_wander
+from tam_validation.blind.processes import TimeFunction, draw_wander
 from tam_validation.blind.scene import Scene
 
 _Course = Callable[[Generator, Scene, int], FloatArray]
 """Draws what is added to a sensor (N, 3), of the size of one."""
+
+_FINE = 2000
+"""Steps of the heat."""
 
 _LEAST_FALLS, _TRIES = 4, 50
 """Least number of falls (with fewer it is a bias jump), and attempts to draw so many."""
@@ -159,6 +162,14 @@ def read_late(scene: Scene, effect: str, sensor: int, late: FloatArray) -> Distu
         return of_sensors(scene, {sensor: read - scene.readings_T[:, sensor]})
 
     return Disturbance(effect, (sensor + 1,), (), change, "s", {})
+
+
+def followed(rng: Generator, scene: Scene, heating: TimeFunction) -> FloatArray:
+    """Return how warm (N,) matter is that follows a heating late, of mean zero and standard deviation one."""
+    lag_s = scene.duration_s * 10 ** rng.uniform(-2.0, -1.2)
+    fine_s = np.linspace(-5 * lag_s, scene.duration_s, _FINE)
+    warm = np.interp(scene.time_s, fine_s, low_pass(heating(fine_s), lag_s, fine_s))
+    return np.asarray((warm - warm.mean()) / warm.std())
 
 
 def gyroscopic_shift(rng: Generator, scene: Scene) -> Disturbance:

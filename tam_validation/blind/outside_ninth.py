@@ -16,8 +16,7 @@ from tam_validation.blind.disturbance import (
     of_sensors,
     proportional,
 )
-from tam_validation.blind.outside import in_a_sensor, outside
-from tam_validation.blind.outside_seventh import followed
+from tam_validation.blind.outside import followed, in_a_sensor, outside
 from tam_validation.blind.scene import Scene
 from tam_validation.blind.surroundings import dipole
 from tam_validation.blind.vehicle import carried, size_of

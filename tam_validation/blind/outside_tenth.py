@@ -20,8 +20,7 @@ from tam_validation.blind.disturbance import (
     proportional,
 )
 from tam_validation.blind.material import low_pass
-from tam_validation.blind.outside import in_a_sensor, outside
-from tam_validation.blind.outside_seventh import followed
+from tam_validation.blind.outside import followed, in_a_sensor, outside
 from tam_validation.blind.processes import draw_wander
 from tam_validation.blind.scene import Scene
 from tam_validation.blind.surroundings import dipole

@@ -1,4 +1,4 @@
-"""The seventh, the ninth and the tenth set of causes outside the library."""
+"""The ninth, the tenth and the eleventh set of causes outside the library."""
 
 from dataclasses import replace
 
@@ -10,8 +10,8 @@ from tam_validation.blind import SETS
 from tam_validation.blind.case_plan import plan_cases
 from tam_validation.blind.catalogue import CATALOGUE, CAUSES, LAWS, OUTSIDE_SETS
 from tam_validation.blind.continuous_motion import ContinuousMotion
+from tam_validation.blind.outside_eleventh import ELEVENTH
 from tam_validation.blind.outside_ninth import NINTH
-from tam_validation.blind.outside_seventh import SEVENTH
 from tam_validation.blind.outside_tenth import TENTH
 
 COURSES = {"constant", "step", "episodes", "slow", "tone", "channel", "motion", "random"}
@@ -24,7 +24,7 @@ def test_the_sets_share_no_name():
     assert tuple(OUTSIDE_SETS) == SETS and len(names) == len(set(names)) == len(CAUSES)
 
 
-@pytest.mark.parametrize("name", [*SEVENTH, *NINTH, *TENTH])
+@pytest.mark.parametrize("name", [*NINTH, *TENTH, *ELEVENTH])
 def test_every_cause_has_a_law_and_a_course(name):
     """Of those that there are."""
     right = LAWS[name]
@@ -32,7 +32,7 @@ def test_every_cause_has_a_law_and_a_course(name):
     assert set(right["law"]) <= KINDS_OF_LAW and set(right["course"]) <= COURSES
 
 
-@pytest.mark.parametrize("causes", [SEVENTH, NINTH, TENTH])
+@pytest.mark.parametrize("causes", [NINTH, TENTH, ELEVENTH])
 def test_every_law_is_in_a_set(causes):
     """Each is the usual one of some cause, and most courses are."""
     assert {LAWS[name]["law"][0] for name in causes} == KINDS_OF_LAW
@@ -47,137 +47,7 @@ def test_a_plan_draws_from_one_set(name):
     assert single == set(OUTSIDE_SETS[name]) and len(mixed) == 120
     beside = {plan.effects[1] for plan in mixed}
     everywhere = {"warm_magnets", "hanging_tether", "railway_feeder", "wetted_metals"}
-    assert beside == single - everywhere - {"winch_drum", "scanning_multiplexer", "passing_boat"}
-
-
-def test_a_drum_stops_at_any_angle(draw):
-    """Its field changes while it turns, by sensors unlike, and stays as it is between the runs."""
-    scene = draw(1)
-    vectors, scalar = SEVENTH["winch_drum"].draw(np.random.default_rng(1), scene).change(1.0, ())
-    size = np.ptp(vectors, axis=0).max()
-    still = np.abs(np.diff(vectors, axis=0)).max(axis=(1, 2)) < 1e-9 * size
-    assert 0.1 < still.mean() < 0.9 and scalar.any()
-    assert np.abs(vectors - vectors.mean(axis=1, keepdims=True)).max() > 0.1 * size
-
-
-def test_two_fluxgates_hear_one_beat(draw):
-    """Each has a line of its own, along which the same tone goes."""
-    scene = draw(1)
-    cause = SEVENTH["beating_excitations"].draw(np.random.default_rng(1), scene)
-    vectors, scalar = cause.change(1.0, ())
-    strongest = []
-    for sensor in cause.sensors:
-        values, _, rows = np.linalg.svd(vectors[:, sensor - 1], full_matrices=False)
-        assert rows.shape == (3, 3)
-        strongest.append(np.abs(np.fft.rfft(values[:, 0])).argmax())
-    assert len(cause.sensors) == 2 and abs(strongest[0] - strongest[1]) <= 1 and not scalar.any()
-
-
-def test_a_cell_is_noisier_in_the_cold(draw):
-    """Noise of the scalar alone, which is larger the colder the air has been."""
-    scene = draw(2, samples=4000)
-    vectors, scalar = SEVENTH["cold_cell"].draw(np.random.default_rng(2), scene).change(1.0, ())
-    air_C = scene.temperature(scene.time_s)
-    cold, warm = air_C < np.quantile(air_C, 0.25), air_C > np.quantile(air_C, 0.75)
-    assert scalar[cold].std() > 1.5 * scalar[warm].std() and not vectors.any()
-
-
-def test_cells_are_magnetised_by_the_charge(change_of):
-    """By so much of the field as the current that has flowed says, and no more than the field at any time."""
-    scene, _, change = change_of("charged_cells", 1)
-    course = np.cumsum(scene.current(scene.time_s))
-    course = (course - course.mean()) / course.std()
-    design = (course[:, None, None] * scene.field_T[:, None]).reshape(scene.sample_count, 3)
-    left = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
-    assert left.std() < 0.02 * change.std()
-
-
-def test_a_worn_ring_takes_the_same_part_of_all_it_feeds(draw):
-    """And the same part again when the array is turned back."""
-    scene = draw(1)
-
-    def there_and_back(time_s):
-        yaw = 2 * np.pi * (1 - np.abs(1 - 2 * time_s / scene.duration_s))
-        return np.stack([yaw, 0 * yaw + 0.3, 0 * yaw + 0.2], axis=1)
-
-    turning = replace(scene, motion=ContinuousMotion("tumbling", there_and_back))
-    cause = SEVENTH["worn_slip_ring"].draw(np.random.default_rng(1), turning)
-    vectors, _ = cause.change(1.0, ())
-    fed = [sensor - 1 for sensor in cause.sensors]
-    part = vectors[:, fed] / turning.readings_T[:, fed]
-    np.testing.assert_allclose(part, np.broadcast_to(part[:, :1, :1], part.shape), atol=1e-9 * np.abs(part).max())
-    np.testing.assert_allclose(part, part[::-1], atol=1e-6 * np.abs(part).max())
-    assert (part <= 0).all() and not np.delete(vectors, fed, axis=1).any()
-
-
-def test_a_scan_reads_each_axis_at_a_time_of_its_own(draw):
-    """Equal times after one another, sensor by sensor."""
-    scene = draw(2, motions=("diver",))
-    vectors, _ = SEVENTH["scanning_multiplexer"].draw(np.random.default_rng(2), scene).change(1e-5, ())
-    rate = (scene.readings_at(scene.time_s + 1e-5) - scene.readings_at(scene.time_s - 1e-5)) / 2e-5
-    late = (vectors * rate).sum(axis=0) / (rate**2).sum(axis=0)
-    apart = np.diff(np.sort(late.ravel()))
-    np.testing.assert_allclose(apart, 1e-5, rtol=0.05)
-    assert (np.diff(late, axis=0) > 0).all()
-
-
-def test_a_warm_oscillator_is_late_by_its_warmth(draw):
-    """Late when it is warm, early when it is cold, or the other way around."""
-    scene = draw(2, motions=("diver",))
-    cause = SEVENTH["warm_oscillator"].draw(np.random.default_rng(2), scene)
-    vectors, _ = cause.change(1e-5, ())
-    sensor = cause.sensors[0] - 1
-    rate = (scene.readings_at(scene.time_s + 1e-5) - scene.readings_T)[:, sensor] / 1e-5
-    late = (vectors[:, sensor] * rate).sum(axis=1) / (rate**2).sum(axis=1)
-    assert abs(np.corrcoef(late, scene.temperature(scene.time_s))[0, 1]) > 0.8
-
-
-def test_a_wrong_bit_spoils_every_other_step(change_of):
-    """The error has one size wherever the bit is set, and depends on nothing but the reading."""
-    scene, cause, change = change_of("wrong_bit_weight", 2)
-    axis = "xyz".index(cause.axes[0])
-    error = to_nanotesla(change[:, axis])[np.argsort(scene.readings_T[:, cause.sensors[0] - 1, axis])]
-    assert set(np.round(np.abs(error), 9)) == {0.0, 1.0}
-    assert 2 < np.count_nonzero(np.diff(error)) < 64
-
-
-def test_a_short_headroom_flattens_one_end(change_of):
-    """Nothing is changed far from that end, nor much without a load."""
-    scene, cause, change = change_of("short_headroom", 2)
-    axis = int(np.abs(change).max(axis=0).argmax())
-    reading, error = scene.readings_T[:, cause.sensors[0] - 1, axis], change[:, axis]
-    end = -np.sign(error[np.abs(error).argmax()])
-    flattened = error != 0
-    assert 0.1 < flattened.mean() < 0.5 and (end * error <= 0).all()
-    assert (end * reading[flattened]).min() > (end * reading[~flattened]).max()
-    load_A = scene.current(scene.time_s)
-    assert (np.abs(error) <= 2.8e-9 * load_A / load_A.max()).all()
-
-
-def test_a_boat_is_near_now_and_then(draw):
-    """Its field is strong for a small part of the time."""
-    scene = draw(1, samples=1000)
-    vectors, _ = SEVENTH["passing_boat"].draw(np.random.default_rng(1), scene).change(1.0, ())
-    size = np.linalg.norm(vectors, axis=2).mean(axis=1)
-    assert 0 < (size > size.max() / 2).mean() < 0.3 and np.median(size) < 0.2 * size.max()
-
-
-def test_a_screen_that_broke_lets_noise_in(change_of):
-    """From then on, in all axes."""
-    _, _, change = change_of("broken_screen", 1)
-    struck = change.any(axis=1)
-    assert 0.2 < struck.mean() < 0.8 and np.count_nonzero(np.diff(struck)) == 1 and change[struck].all()
-
-
-def test_a_flipped_bit_is_a_power_of_two(change_of):
-    """In one axis of a few readings; what is worth one more is set to nothing, and the other way around."""
-    scene, cause, change = change_of("flipped_bit", 1, amplitude=1e-9, samples=2000)
-    struck = change != 0
-    assert 0.002 < struck.any(axis=1).mean() < 0.1 and struck.sum(axis=1).max() == 1
-    bits = np.log2(np.abs(change[struck]) / 1e-9)
-    np.testing.assert_allclose(bits, np.round(bits), atol=1e-9)
-    words = np.floor(scene.readings_T[:, cause.sensors[0] - 1][struck] / np.abs(change[struck])) % 2
-    assert set(words) == {0, 1} and ((words == 1) == (change[struck] < 0)).all()
+    assert beside == single - everywhere - {"magnet_pump", "dropped_weight", "neighbouring_lift"}
 
 
 def test_a_shackle_swings_after_each_knock(change_of):
@@ -479,3 +349,140 @@ def test_a_battery_is_changed(draw):
     changed = np.abs(steps) > 0.3
     assert changed.sum() == cause.parameters["changes"] and (steps[~changed] <= 1e-12).all()
     assert not np.delete(vectors, fed, axis=1).any()
+
+
+def test_a_pump_slows_under_load(draw):
+    """Its magnets turn in one plane, by a smaller angle from one sample to the next while more is drawn."""
+    scene = draw(1, samples=1000)
+    vectors, scalar = ELEVENTH["magnet_pump"].draw(np.random.default_rng(1), scene).change(1e-3, ())
+    values, sizes, _ = np.linalg.svd(vectors.reshape(scene.sample_count, -1), full_matrices=False)
+    assert sizes[2] < 1e-6 * sizes[0] and scalar.any()
+    turned = np.abs(np.diff(np.unwrap(np.arctan2(values[:, 1], values[:, 0]))))
+    load_A = scene.current(scene.time_s)[1:]
+    heavy, light = load_A > np.quantile(load_A, 0.7), load_A < np.quantile(load_A, 0.3)
+    assert turned[heavy].mean() < turned[light].mean()
+
+
+def test_weights_are_gone_once_dropped(draw):
+    """Each drop is a step in all sensors, and after the last nothing is left."""
+    scene = draw(1)
+    cause = ELEVENTH["dropped_weight"].draw(np.random.default_rng(1), scene)
+    size = np.linalg.norm(cause.change(1.0, ())[0], axis=2)
+    steps = np.abs(np.diff(size, axis=0)) > 0.2 * size.max(axis=0)
+    assert (steps.sum(axis=0) == cause.parameters["drops"]).all() and not size[-1].any()
+
+
+def test_a_lift_stands_at_floors(draw):
+    """At one attitude its field has one value at each floor, and is seldom anything else."""
+    scene = draw(1, samples=1000)
+    still = replace(scene, motion=ContinuousMotion("turntable", lambda time_s: np.full((len(time_s), 3), 0.4)))
+    vectors, scalar = ELEVENTH["neighbouring_lift"].draw(np.random.default_rng(1), still).change(1.0, ())
+    levels, counts = np.unique(np.round(to_nanotesla(vectors[:, 0, 0]), 9), return_counts=True)
+    assert 2 <= np.sum(counts > 10) <= 5 and counts[counts > 10].sum() > 0.85 * scene.sample_count
+    assert len(levels) > 2 and scalar.any()
+
+
+def test_a_camera_is_held_level(draw):
+    """A level turn takes it along, so that its field stays as it is; a tilt does not."""
+    scene = draw(1)
+    spread = []
+    for turning in ([3.0, 0, 0], [0, 1.0, 0]):
+        motion = ContinuousMotion("tumbling", lambda time_s, by=turning: np.outer(time_s / scene.duration_s, by))
+        cause = ELEVENTH["gimballed_camera"].draw(np.random.default_rng(1), replace(scene, motion=motion))
+        change = cause.change(1.0, ())[0][:, cause.sensors[0] - 1]
+        spread.append(np.ptp(change, axis=0).max() / np.abs(change).max())
+    assert spread[0] < 1e-9 and spread[1] > 0.1
+
+
+def test_neither_transistor_conducts_at_the_crossing(draw):
+    """There all readings are one; on both sides they are off by half the gap, towards each other."""
+    scene = draw(2, samples=2000)
+    cause = ELEVENTH["crossover_distortion"].draw(np.random.default_rng(2), scene)
+    sensor, half = cause.sensors[0] - 1, 1e-6
+    change = cause.change(half, ())[0][:, sensor]
+    axis = int(np.abs(change).max(axis=0).argmax())
+    order = np.argsort(scene.readings_T[:, sensor, axis])
+    error = change[order, axis]
+    assert (np.diff(error) <= 1e-15).all() and error[0] == half and error[-1] == -half
+    read = scene.readings_T[order, sensor, axis] + error
+    inside = np.abs(error) < half
+    assert inside.any() and np.ptp(read[inside]) < 1e-6 * half
+
+
+def test_a_supply_sags_under_load(draw):
+    """All that it feeds reads the same part less, and the more current the less."""
+    scene = draw(1)
+    cause = ELEVENTH["sagging_supply"].draw(np.random.default_rng(1), scene)
+    vectors, _ = cause.change(1.0, ())
+    fed = [sensor - 1 for sensor in cause.sensors]
+    part = to_nanotesla(-vectors[:, fed] / scene.readings_T[:, fed]) * scene.intensity_T.mean()
+    np.testing.assert_allclose(part, np.broadcast_to(part[:, :1, :1], part.shape), atol=1e-9)
+    assert np.corrcoef(part[:, 0, 0], scene.current(scene.time_s))[0, 1] > 0.9
+    assert not np.delete(vectors, fed, axis=1).any()
+
+
+def test_a_mount_creeps_ever_slower(change_of):
+    """The reading turns about one line, by an angle that grows with the logarithm of time."""
+    scene, cause, change = change_of("creeping_mount", 1)
+    core = scene.core(cause.sensors[0] - 1)
+    np.testing.assert_allclose((change * core).sum(axis=1), 0, atol=1e-9 * np.abs(change).max())
+    values = np.linalg.svd(change, full_matrices=False)
+    line = values[2][2]
+    angle = np.linalg.norm(change, axis=1) / np.linalg.norm(np.cross(line, core), axis=1)
+    grown = np.diff(angle)
+    assert values[1][2] < 1e-9 * values[1][0] and (grown > 0).all() and grown[0] > 1.2 * grown[-1]
+
+
+def test_a_queue_fills_and_empties(draw):
+    """All that waits in it is late alike, at once after a stall, then less and less; between it is on time."""
+    scene = draw(2, motions=("diver",))
+    cause = ELEVENTH["stalled_queue"].draw(np.random.default_rng(2), scene)
+    vectors, _ = cause.change(1e-5, ())
+    queued = [sensor - 1 for sensor in cause.sensors]
+    rate = (scene.readings_T - scene.readings_at(scene.time_s - 1e-5))[:, queued]
+    late = -(vectors[:, queued] * rate).sum(axis=2) / (rate**2).sum(axis=2)
+    np.testing.assert_allclose(late, np.repeat(late[:, :1], len(queued), axis=1), atol=0.02)
+    rises = np.diff(late[:, 0]) > 0.1
+    assert 1 <= rises.sum() <= cause.parameters["stalls"] and 0.1 < np.mean(late[:, 0] < 1e-6) < 0.95
+    assert not np.delete(vectors, queued, axis=1).any()
+
+
+def test_an_integrator_falls_behind_fast_turns(change_of):
+    """Against the rate of its axis, and only where that is fast."""
+    scene, cause, change = change_of("slewing_integrator", 1, motions=("diver",))
+    sensor, axis = cause.sensors[0] - 1, "xyz".index(cause.axes[0])
+    rate = (scene.readings_at(scene.time_s + 1e-4) - scene.readings_at(scene.time_s - 1e-4))[:, sensor, axis]
+    behind = change[:, axis] != 0
+    assert (change[:, axis] * rate <= 0).all() and 0.1 < behind.mean() < 0.7
+    assert np.abs(rate[behind]).min() > 0.99 * np.abs(rate[~behind]).max()
+
+
+def test_protons_fade_as_a_battery_drains(draw):
+    """The scalar alone is noisy, and at the end much more than at the start."""
+    scene = draw(1, samples=2000)
+    vectors, scalar = ELEVENTH["draining_polariser"].draw(np.random.default_rng(1), scene).change(1.0, ())
+    assert scalar[-200:].std() > 1.8 * scalar[:200].std() and not vectors.any()
+
+
+def test_leads_are_seen_in_the_cold(draw):
+    """One component of the field's direction, times a line in the temperature."""
+    scene = draw(2)
+    vectors, scalar = ELEVENTH["heater_leads"].draw(np.random.default_rng(2), scene).change(1.0, ())
+    unit, air_C = scene.field_T / scene.intensity_T[:, None], scene.temperature(scene.time_s)
+    design = np.column_stack([unit, unit * air_C[:, None]])
+    left = scalar - design @ np.linalg.lstsq(design, scalar, rcond=None)[0]
+    assert np.abs(left).max() < 1e-9 * np.abs(scalar).max() and not vectors.any()
+    cold, warm = air_C < np.quantile(air_C, 0.25), air_C > np.quantile(air_C, 0.75)
+    assert scalar[cold].std() > scalar[warm].std()
+
+
+def test_a_surge_strikes_where_a_load_is_switched_on(draw):
+    """One reading each, of the same sensors, at which the current has grown."""
+    scene = draw(1, samples=1000)
+    cause = ELEVENTH["inrush_surge"].draw(np.random.default_rng(1), scene)
+    vectors, scalar = cause.change(1.0, ())
+    near = [sensor - 1 for sensor in cause.sensors]
+    struck = vectors[:, near].any(axis=2)
+    assert (struck == struck[:, :1]).all() and 2 <= struck[:, 0].sum() < 30 and not scalar.any()
+    rows = np.flatnonzero(struck[:, 0])
+    assert (np.diff(scene.current(scene.time_s), prepend=0)[rows] > 0).all() and np.diff(rows).min() > 1
