@@ -300,7 +300,7 @@ _COEFFICIENTS = (2.08, -0.73, 1.76, 0.08, -0.83)
 """Logistic regression: intercept, log(1 + failing checks), share, log ratio of the evidences, and a law of chance.
 
 ``benchmarks/gap_probabilities.py`` fits them: to the 249 causes named in the 150 cases of ``tam blind make --seed
-20271234 --outside sixth`` (a set up to commit 748bcbf7) and as many of ``--seed 20271241 --outside seventh``, both
+20271234 --outside sixth`` (a set up to commit 748bcbf7) and ``--seed 20271241 --outside seventh`` (2ee34983), both
 judged before.
 """
 
