@@ -164,6 +164,30 @@ def test_neither_of_two_laws_has_a_cause_where_one_has_none(run, noise_T):
     assert (gap.verdict, gap.causes) == ("unexplained", ())
 
 
+def test_a_law_without_a_cause_is_tried_again_beside_another_cause(monkeypatch):
+    """The larger of two laws has a cause only beside that of the smaller one, and is open until then."""
+    larger, smaller = (
+        SimpleNamespace(signature=SimpleNamespace(law=law, sensors=(1,)), found=(), part=0.5)
+        for law in ("gain", "rate")
+    )
+    search = object.__new__(search_module._CauseSearch)
+    search._steps, search._open, search._tell = [], [], lambda *_: None
+    asked = []
+
+    def explain(law, _):
+        asked.append(law)
+        if law is larger and not search._steps:
+            return None
+        search._steps.append(law)
+        return (larger,) if law is smaller else ()
+
+    for name, stub in {"_explain": explain, "_laws_of": lambda left: left, "_is_small": lambda _: False}.items():
+        monkeypatch.setattr(search, name, stub)
+    assert search._explain_all((larger, smaller), set()) == ()
+    assert asked == [larger, smaller, larger]
+    assert search._open == []
+
+
 def test_spikes_of_one_axis_are_in_that_one(run):
     """Also where a single reading of another sensor is far off."""
     spikes, other = np.zeros((2, SAMPLES))
