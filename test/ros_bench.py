@@ -229,6 +229,10 @@ class Bench:
         self.spin_until(is_found, what)
         return found[-1]
 
+    def stored(self, count):
+        """Wait until the calibrator has stored so many samples, which it takes later than they come back here."""
+        self.health("calibrator", lambda _, figures: figures["samples"] == str(count), f"{count} samples are stored")
+
     def connect(self, **subscribers):
         """Wait until nodes have matched so many subscribers of their topics, and the collector all sensors."""
         missing = {
@@ -361,8 +365,7 @@ class Board:
         """Publish a recording until every sample is stored."""
         self.bench.play(recording, self.publish, self.samples)
         self._stored += recording.sample_count
-        count = str(self._stored)
-        self.bench.health("calibrator", lambda _, figures: figures["samples"] == count, f"{count} samples are stored")
+        self.bench.stored(self._stored)
 
     def publish(self, recording, index):
         """Publish a sample of a recording: all readings, those of the third sensor last."""

@@ -44,9 +44,10 @@ def test_a_calibrator_that_is_killed_is_taken_up_where_it_was(bench, recording, 
     told = f"goes on with {kept} samples of {path}"
     bench.spin_until(lambda: told in second.log("calibrator"), "it says that it goes on")
     bench.play(recording, publish, samples, first=moment)
+    stored = kept + recording.sample_count - moment
+    bench.stored(stored)
     assert bench.call("calibrator/calibrate").success
-    stored = str(kept + recording.sample_count - moment)
-    bench.health("calibrator", lambda _, figures: figures["saved"] == stored, "the others are saved")
+    bench.health("calibrator", lambda _, figures: figures["saved"] == str(stored), "the others are saved")
     assert second.end_one("calibrator") == 0
     rows = np.array([sample.row for sample in _content(path)])
     sent = recording.readings_T.reshape(-1, 12)
@@ -92,6 +93,7 @@ def test_a_disk_that_cannot_be_written_costs_no_calibration(bench, recording, tm
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=60)
+    bench.stored(60)
     assert bench.call("calibrator/calibrate").success
     status, _ = bench.health("calibrator", lambda _, figures: figures["samples"] == "60", "it is told")
     assert status.level == b"\x01" and "name another samples_file, or none" in status.message

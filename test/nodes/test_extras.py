@@ -30,11 +30,13 @@ def test_the_nodes_need_no_extra(core_only, bench, recording, tmp_path):
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 4}, corrector={"center": 1})
     bench.play(recording, publish, samples, last=60)
+    bench.stored(60)
     answer = bench.call("calibrator/calibrate")
     assert answer.success, answer.message
     bench.health("corrector", lambda _, figures: "calibration_age_s" in figures, "the corrector has the calibration")
     bench.play(recording, publish, samples, first=60, last=70)
     bench.spin_until(lambda: len(centers) == 10, "the others come corrected")
+    bench.stored(70)
     answer = bench.call("calibrator/diagnose")
     assert not answer.success
     assert answer.message.startswith("gap_report_file needs jinja2: sudo apt install python3-jinja2 python3-matplotlib")

@@ -153,7 +153,7 @@ def test_tf_tells_what_the_array_file_leaves_to_it(bench, turned, recording, tmp
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(array.mounting.inverse.turned(expected), publish, samples)
-    bench.health("calibrator", lambda _, figures: figures["samples"] == "60", "all samples are stored")
+    bench.stored(60)
     answer = bench.call("calibrator/calibrate")
     assert answer.success, answer.message
     calibrations = bench.listen(std_msgs.String, "calibration", latched=True)

@@ -53,6 +53,7 @@ def test_save_writes_what_was_calibrated(bench, recording, tmp_path):
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=60)
+    bench.stored(60)
     assert bench.call("calibrator/calibrate").success
     answer = bench.call("calibrator/save")
     assert answer.success and str(path) in answer.message
@@ -94,6 +95,7 @@ def test_who_asks_during_a_diagnosis_is_told_how_far_it_is(bench, recording, tmp
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=60)
+    bench.stored(60)
     assert bench.call("calibrator/calibrate").success
 
     def meanwhile():
@@ -102,7 +104,7 @@ def test_who_asks_during_a_diagnosis_is_told_how_far_it_is(bench, recording, tmp
         assert re.fullmatch(r"busy with diagnose, \d+% done: call again when that is answered", told)
         assert bench.call("calibrator/save").success and path.exists()
         bench.play(recording, publish, samples, first=60, last=80)
-        bench.health("calibrator", lambda _, figures: figures["samples"] == "80", "all samples are stored")
+        bench.stored(80)
         pipe.write_bytes(b"go on")
 
     assert bench.call("calibrator/diagnose", meanwhile).success
@@ -171,6 +173,7 @@ def test_a_loaded_calibration_is_the_prior_where_that_is_asked_for(bench, record
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=60)
+    bench.stored(60)
     answer = bench.call("calibrator/calibrate")
     assert answer.success and "maximum_a_posteriori" in answer.message and "Prior: " in answer.message
 
@@ -192,6 +195,7 @@ def test_tolerances_of_the_array_file_are_a_prior_on_board(bench, true_errors, c
     publish = bench.publish_sensors()
     bench.connect(collector={"samples": 2})
     bench.play(narrow, publish, samples)
+    bench.stored(100)
     answer = bench.call("calibrator/calibrate")
     assert answer.success and "maximum_a_posteriori" in answer.message
     assert "left to the tolerances of the array file" in answer.message

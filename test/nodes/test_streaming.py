@@ -105,7 +105,7 @@ def test_samples_flow_while_the_clock_of_a_simulation_stands_still(bench, record
     bench.connect(collector={"samples": 2})
     bench.play(recording, publish, samples, last=20)
     assert_array_equal(rows_of(samples)[:, 0], recording.time_s[:20])
-    bench.health("calibrator", lambda _, figures: figures["samples"] == "20", "all are stored")
+    bench.stored(20)
 
 
 def test_two_nodes_in_one_process_do_what_two_processes_do(bench, recording, calibration_file):

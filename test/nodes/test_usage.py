@@ -27,7 +27,7 @@ def play(board, recording, lost=0, of=20):
     is_heard = {"tam_1.received": str(COUNT), "tam_3.received": str(used)}.items()
     bench.health("collector", lambda _, figures: is_heard <= figures.items(), "all is received")
     bench.spin_until(lambda: len(samples) == before + used, "all samples come back")
-    bench.health("calibrator", lambda _, figures: figures["samples"] == str(used), "all samples are stored")
+    bench.stored(used)
 
 
 def test_an_answer_tells_that_all_were_used(board, recording):
@@ -93,6 +93,6 @@ def test_without_collector_the_usage_is_not_known(bench, recording):
         cloud = make_cloud(Header(), layout.columns, row)
         cloud.header.stamp.sec, cloud.header.stamp.nanosec = divmod(stamp_ns, 10**9)
         publisher.publish(cloud)
-    bench.health("calibrator", lambda _, figures: figures["samples"] == str(COUNT), "all samples are stored")
+    bench.stored(COUNT)
     answer = bench.call("calibrator/calibrate")
     assert answer.success and answer.message.endswith("no collector says how many samples of sensor 1 were used")

@@ -156,8 +156,8 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     """Return the frequency of most power in the scores of a pattern, and how many were tried."""
     from scipy.optimize import minimize_scalar
 
-    _, products, _ = pattern.of_rows(residual)
-    score = np.einsum("nrp,nr->np", pattern.features, products[:, :, 0])
+    _, of_rows, _ = pattern.of_rows(residual)
+    score = np.einsum("nrp,nr->np", pattern.features, of_rows[:, :, 0])
     values, vectors = np.linalg.eigh(pattern.normal(residual).information / residual.count)
     kept = values > 1e-6 * values[-1]
     score = score @ (vectors[:, kept] / np.sqrt(values[kept]))
