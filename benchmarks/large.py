@@ -40,12 +40,21 @@ from tam_calibration.simulation import simulate
 
 IN_MEMORY = 1_000_000
 ON_DISK = (1_000_000, 3_000_000, 10_000_000)
-# What is asked of the figures: processor time and memory of fits, memory of the command, growth of time, and pandas.
 ASKED_SECONDS = {"lossless": 1.0, "maximum_likelihood": 3.0}
+"""Processor time of a fit to a million samples in memory, at most: nobody on board waits for it."""
+
 ASKED_TIMES_DATA = 3.0
+"""Memory of such a fit over that of its samples, at most: with a copy of them, and one of their residuals."""
+
 ASKED_MIB = 400.0
+"""Peak memory of the command, however long the file is: what a small computer on board has left."""
+
 ASKED_LINEAR = 1.2
+"""Growth of the time over that of the samples, at most: linear but for the caches of the processor."""
+
 ASKED_OVER_PANDAS = {100_000: 1.3, 1_000_000: 2.0}
+"""Processor time of the command over that of reading the file with pandas, at most, by samples."""
+
 PIECE = 100_000
 RESULTS = Path(__file__).parent / "results" / "large.csv"
 

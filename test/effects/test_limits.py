@@ -100,7 +100,7 @@ ABSURD = [
     ("platform_field", {"time_constant_s": 0.2},
      (ALL, None, "first mode, curvature", {"first mode, curvature xxy, x of the field": 2400.0}), "1/m²", "decimetre"),
 ]  # fmt: skip
-"""Values that were claimed, or twice what the limits allow, and what is told of them."""
+"""Values that were claimed, or twice what the limits allow, and parts of a clause on each."""
 
 
 COUNTED = {"stale_samples", "interpolated_samples"}
@@ -127,7 +127,7 @@ def test_what_nature_has_passes(turning, name):
 
 @pytest.mark.parametrize(("name", "shape", "contribution", "told", "source"), ABSURD)
 def test_what_is_absurd_is_told(turning, name, shape, contribution, told, source):
-    """Name, value and source are in one clause."""
+    """The value that is too large is found, with its unit, its limit and the source of that."""
     said = oversize(turning(), name, shape, contribution)
     assert told in said and source in said
 

@@ -18,6 +18,7 @@ from tam_calibration.model.units import FloatArray, IntArray
 
 _LAST_SEEN: "WeakKeyDictionary[Response, dict[tuple[int, ...], Any]]" = WeakKeyDictionary()
 _LAST_SCORES: "WeakKeyDictionary[Residual, dict[tuple[int, ...], Any]]" = WeakKeyDictionary()
+"""By rows, what is seen of them and their products with the residual: of the last one alone, as these are large."""
 
 
 @dataclass(frozen=True, eq=False)
