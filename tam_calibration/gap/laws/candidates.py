@@ -49,7 +49,8 @@ def nearest(residual: Residual) -> list[int | str]:
 def held(residual: Residual, place: int | str) -> float:
     """Return the energy that a free shift of the rows of a place explains in every sample, beyond that of noise."""
     rows = np.array([3 * residual.sensor_count]) if place == "scalar" else patterns.sensor_rows(int(place))
-    information, score, _ = residual.of_rows(rows)
+    of_rows = residual.of_rows(rows)
+    information, score = of_rows.information, of_rows.score
     trace = np.trace(information, axis1=1, axis2=2).mean()
     if trace <= 0:
         return -np.inf
@@ -119,8 +120,12 @@ def _following(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
     duration_s = float(np.ptp(residual.time_s))
     for name, channel in residual.channels.items():
         drives = [lagged(channel, residual.time_s, lag * duration_s) for lag in (0.0, 0.02, 0.1)]
-        for drive in (one[:, None] / one.std() for one in drives if one.std() > 0):
-            yield from _constant(residual, pattern.times(drive, name), "channel", len(drives))
+        tried = (
+            list(_constant(residual, pattern.times(one[:, None] / one.std(), name), "channel", len(drives)))
+            for one in drives
+            if one.std() > 0
+        )
+        yield from max(tried, key=lambda one: max(part.evidence for part in one), default=())
 
 
 def _tones(residual: Residual, similar: Sequence[Pattern]) -> Iterator[Candidate]:
@@ -156,8 +161,7 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
     """Return the frequency of most power in the scores of a pattern, and how many were tried."""
     from scipy.optimize import minimize_scalar
 
-    _, of_rows, _ = pattern.of_rows(residual)
-    score = np.einsum("nrp,nr->np", pattern.features, of_rows[:, :, 0])
+    score = np.einsum("nrp,nr->np", pattern.features, pattern.of_rows(residual).score[:, :, 0])
     values, vectors = np.linalg.eigh(pattern.normal(residual).information / residual.count)
     kept = values > 1e-6 * values[-1]
     score = score @ (vectors[:, kept] / np.sqrt(values[kept]))

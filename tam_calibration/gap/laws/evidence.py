@@ -18,6 +18,32 @@ from tam_calibration.model.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
+class Products:
+    """Products of the responses of N samples to r rows, with each other and with what else the samples see.
+
+    Parameters
+    ----------
+    information : (N, r, r) array
+        On shifts of the rows.
+    score : (N, r, 1) array
+        With the residual.
+    cross : (N, r, m) array
+        With changes by nuisance parameters.
+    turn : (m, s) array
+        To combinations of these changes that are orthonormal.
+    """
+
+    information: FloatArray
+    score: FloatArray
+    cross: FloatArray
+    turn: FloatArray
+
+    def part(self, rows: slice) -> "Products":
+        """Return the products of some rows."""
+        return Products(self.information[:, rows, rows], self.score[:, rows], self.cross[:, rows], self.turn)
+
+
+@dataclass(frozen=True, eq=False)
 class Sums:
     """Sums over samples in B bins, for p columns and q nuisance directions.
 
@@ -61,9 +87,7 @@ class Sums:
     def of(
         cls,
         shifts: FloatArray,
-        information: FloatArray,
-        score: FloatArray,
-        cross: FloatArray,
+        of_rows: Products,
         bins: "Bins",
         is_apart: bool = False,
     ) -> "Sums":
@@ -72,14 +96,13 @@ class Sums:
         Parameters
         ----------
         shifts : (N, r, f) or (N, r, p) array
-        information, score, cross : array
-            Of each sample: (N, r, r), (N, r, 1) and (N, r, q), as of ``Residual.of_rows``.
+        of_rows : Products
         bins : Bins
         is_apart : bool
             As of ``normal_equations``.
         """
-        of_samples = [bins.arranged(one) for one in (information, score, cross)]
-        own, right = normal_equations(bins.arranged(shifts), of_samples[0], of_samples[1], of_samples[2], is_apart)
+        parts = [bins.arranged(one) for one in (of_rows.information, of_rows.score, of_rows.cross)]
+        own, right = normal_equations(bins.arranged(shifts), Products(*parts, of_rows.turn), is_apart)
         return cls(own, right, bins.place, bins.is_first)
 
     def part(self, columns: NDArray[np.intp], factor: float) -> "Sums":
@@ -228,34 +251,36 @@ def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def normal_equations(
-    shifts: FloatArray, information: FloatArray, score: FloatArray, cross: FloatArray, is_apart: bool = False
+    shifts: FloatArray, of_rows: Products, is_apart: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the information (B, P, P) on coefficients, and their products (B, P, 1 + q), in bins of m samples.
+    """Return the information (B, P, P) on coefficients, and their products (B, P, 1 + s), in bins of n samples.
 
     Parameters
     ----------
-    shifts : (B, m, r, f) or (B, m, r, P) array
+    shifts : (B, n, r, f) or (B, n, r, P) array
         What a coefficient of one shifts each of r rows by: f values of each row, which has coefficients of its own,
         P = r f; or what each of P coefficients does to all rows.
-    information : (B, m, r, r) array
-        Of each sample on shifts of the rows.
-    score, cross : (B, m, r, 1) and (B, m, r, q) array
-        Products of the responses to the rows with the residual, and with the nuisance directions.
+    of_rows : Products
+        With samples (B, n) in place of (N,).
     is_apart : bool
         Whether each row has coefficients of its own.
     """
+    information = of_rows.information
     bins, count, rows, _ = information.shape
     width = shifts.shape[3]
     if not is_apart:
         flat = shifts.reshape(bins, -1, width)
         own = np.swapaxes(flat, 1, 2) @ (information @ shifts).reshape(flat.shape)
-        right = [np.swapaxes(flat, 1, 2) @ one.reshape(bins, count * rows, -1) for one in (score, cross)]
-        return own, np.concatenate(right, axis=2)
+        of_each = (one.reshape(bins, count * rows, -1) for one in (of_rows.score, of_rows.cross))
+        score, cross = (np.swapaxes(flat, 1, 2) @ one for one in of_each)
+        return own, np.concatenate([score, cross @ of_rows.turn], axis=2)
     turned = shifts.transpose(2, 0, 3, 1)
     weighed = ((information[:, :, one, :, None] * shifts).reshape(bins, count, -1) for one in range(rows))
     own = np.stack([values @ each for values, each in zip(turned, weighed, strict=True)], axis=1)
-    right = [np.stack([values @ one[:, :, row] for row, values in enumerate(turned)], axis=1) for one in (score, cross)]
-    return own.reshape(bins, rows * width, -1), np.concatenate(right, axis=3).reshape(bins, rows * width, -1)
+    of_both = (of_rows.score, of_rows.cross)
+    score, cross = (np.stack([values @ one[:, :, row] for row, values in enumerate(turned)], axis=1) for one in of_both)
+    right = np.concatenate([score, cross @ of_rows.turn], axis=3)
+    return own.reshape(bins, rows * width, -1), right.reshape(bins, rows * width, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,12 +304,11 @@ class Normal:
     count: int
 
     @classmethod
-    def of(
-        cls, shifts: FloatArray, information: FloatArray, score: FloatArray, cross: FloatArray, is_apart: bool = False
-    ) -> "Normal":
+    def of(cls, shifts: FloatArray, of_rows: Products, is_apart: bool = False) -> "Normal":
         """Return the equations of shifts (N, r, f) or (N, r, P), as of ``normal_equations`` in one bin."""
-        own, right = normal_equations(shifts[None], information[None], score[None], cross[None], is_apart)
-        most = np.tensordot(np.trace(information, axis1=1, axis2=2), shifts**2, 1)
+        in_bins = (of_rows.information[None], of_rows.score[None], of_rows.cross[None])
+        own, right = normal_equations(shifts[None], Products(*in_bins, of_rows.turn), is_apart)
+        most = np.tensordot(np.trace(of_rows.information, axis1=1, axis2=2), shifts**2, 1)
         return cls(own[0], right[0], most.ravel() if is_apart else most.sum(axis=0), len(shifts))
 
     def part(self, columns: NDArray[np.intp]) -> "Normal":

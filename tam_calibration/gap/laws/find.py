@@ -197,7 +197,8 @@ def _as_found(best: Candidate, tried: list[Candidate], residual: Residual, predi
     shared = in_its_sensors(residual, best)
     if predicted is None or shared is not best:
         predicted = predicted_energy(_halves(residual), shared)
-    return Found(best, predicted / residual.noise, tuple(tried), residual, shared)
+    near = [one for one in tried if one.evidence >= tried[0].evidence - TIE]
+    return Found(best, predicted / residual.noise, tuple(near), residual, shared)
 
 
 def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
@@ -318,7 +319,7 @@ def _together(residual: Residual, first: Candidate, second: Candidate) -> float:
         own = one.features(residual)
         parts.append(np.zeros((residual.count, len(rows), own.shape[2])))
         parts[-1][:, np.searchsorted(rows, one.pattern.rows)] = own
-    return Normal.of(np.concatenate(parts, axis=2), *residual.of_rows(rows)).fit().evidence
+    return Normal.of(np.concatenate(parts, axis=2), residual.of_rows(rows)).fit().evidence
 
 
 def _of_fewest_axes(best: Candidate, tried: list[Candidate]) -> Candidate:
@@ -364,16 +365,15 @@ def _halves(residual: Residual) -> tuple[Residual, Residual]:
 
     Most neighbours are in different halves, but not at a regular pace, at which a tone would look constant.
     """
-    return residual.parted(np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5)
+    chosen = np.arange(residual.count) * (np.sqrt(5) - 1) / 2 % 1 < 0.5
+    return residual.taking(chosen), residual.taking(~chosen)
 
 
 def predicted_energy(halves: tuple[Residual, Residual], law: Candidate) -> float:
     """Return the energy of each half of the samples that a law fitted to the other half predicts."""
     fallen = 0.0
     for training, rest in (halves, halves[::-1]):
-        signal = law.signal(rest, training)
-        flat = rest.nuisance.reshape(signal.size, -1)
-        signal = signal - (flat @ (flat.T @ signal.ravel())).reshape(signal.shape)
+        signal = rest.clear(law.signal(rest, training))
         fallen += float((rest.z**2).sum() - ((rest.z - signal) ** 2).sum())
     return max(fallen, 0.0)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.harmonics import fields
 from tam_calibration.core.least_squares import ROUNDING
 from tam_calibration.effects.recursions import lagged, play
-from tam_calibration.gap.laws.evidence import Bins, Fit, Normal, Sums, course
+from tam_calibration.gap.laws.evidence import Bins, Fit, Normal, Products, Sums, course
 from tam_calibration.gap.laws.law import SCALAR, Place
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
@@ -89,15 +89,15 @@ class Pattern:
         """Return the columns (N, C, p) of the whitened residual, of unit mean square in a sample all together."""
         return np.asarray(residual.response[:, :, self.rows] @ (self.features / self.size(residual)))
 
-    def of_rows(self, residual: Residual) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the information (N, r, r) on shifts of its rows, or of the field, and their products."""
+    def of_rows(self, residual: Residual) -> Products:
+        """Return the products of the responses to shifts of its rows, or of the field."""
         if self.matrix is not None:
             return residual.of_field()
         return residual.of_rows(self.rows)
 
     def size(self, residual: Residual) -> float:
         """Return the root mean square of the columns of its features; infinite where the channels do not see them."""
-        information, _, _ = self.of_rows(residual)
+        information = self.of_rows(residual).information
         shifts = self.by_row
         most = float(np.trace(information, axis1=1, axis2=2) @ np.sum(shifts**2, axis=(1, 2)))
         if self.is_apart:
@@ -108,11 +108,11 @@ class Pattern:
 
     def normal(self, residual: Residual) -> Normal:
         """Return the normal equations of constant coefficients."""
-        return Normal.of(self.by_row, *self.of_rows(residual), is_apart=self.is_apart)
+        return Normal.of(self.by_row, self.of_rows(residual), self.is_apart)
 
     def sums(self, residual: Residual, bins: Bins) -> Sums:
         """Return the sums of the columns in bins."""
-        return Sums.of(self.by_row / self.size(residual), *self.of_rows(residual), bins, self.is_apart)
+        return Sums.of(self.by_row / self.size(residual), self.of_rows(residual), bins, self.is_apart)
 
     def times(self, course: FloatArray, follows: str | None = None) -> "Pattern":
         """Return the pattern with shifts times courses (N, c)."""
@@ -389,11 +389,11 @@ class Candidate:
     def fitted(self, residual: Residual, with_errors: bool = False) -> Fit:
         """Return the fit to a residual."""
         if self.steps:
-            return Normal.of(self.features(residual), *residual.of_rows(self.pattern.rows)).fit()
+            return Normal.of(self.features(residual), residual.of_rows(self.pattern.rows)).fit()
         if self.bins is None:
             pattern = self.pattern
             shifts = pattern.by_row / pattern.size(residual)
-            return Normal.of(shifts, *pattern.of_rows(residual), pattern.is_apart).fit()
+            return Normal.of(shifts, pattern.of_rows(residual), pattern.is_apart).fit()
         return course(self.pattern.sums(residual, self.bins), self.length, np.array([self.variance]), with_errors)
 
     def signal(self, residual: Residual, training: Residual) -> FloatArray:

@@ -174,9 +174,7 @@ def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual
     z = residual.z.copy()
     for one in found:
         z -= one.signal(residual, one.residual)
-    own = residual.nuisance.reshape(z.size, -1)
-    taken = (residual.nuisance * quiet.live[:, None, None]).reshape(z.size, -1)
-    return replace(residual, z=z - (own @ np.linalg.lstsq(taken, z.ravel(), rcond=None)[0]).reshape(z.shape))
+    return replace(residual, z=z - quiet.seen.explained(z, residual.seen))
 
 
 def _of_samples(rest: Residual, whole: float, chosen: NDArray[np.bool_], sensors: Place | None) -> Signature:

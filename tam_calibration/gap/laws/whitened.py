@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.effects.covariates import to_world
 from tam_calibration.gap.floor import white_variance
+from tam_calibration.gap.laws.evidence import Products
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regressors import turns
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -23,18 +24,59 @@ _LAST_SCORES: "WeakKeyDictionary[Residual, dict[tuple[int, ...], Any]]" = WeakKe
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What N samples in C channels see of the R rows, and of the nominal parameters.
+    """What N samples in C channels see of the R rows, and of the p nominal parameters.
+
+    A nominal parameter shifts a row, or a component of the field in the world, by one or by a component of the field.
+    Its change of the channels is a product of both, and is not stored.
 
     Parameters
     ----------
-    rows : (N, C, R) array
-        Change of the residual by a shift of each row, in units of the row's own noise.
-    nuisance : (N, C, q) array
-        Orthonormal directions of the nominal parameters.
+    shifts : (N, C, R + w) array
+        Change of the residual by a shift of each row, in units of the row's own noise, and of w components of the field.
+    factors : (N, 4) array
+        One, and the field in the array's frame.
+    chosen : (p,) array
+        The nominal parameters among the products of shifts and factors, in the order of shifts.
+    turn : (p, q) array
+        To those q combinations of the parameters whose changes are orthonormal in the samples that count.
     """
 
-    rows: FloatArray
-    nuisance: FloatArray
+    shifts: FloatArray
+    factors: FloatArray
+    chosen: NDArray[np.intp]
+    turn: FloatArray
+
+    def cross(self, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the products (N, r, m) of responses (N, r, C) with changes by nominal parameters, and their turn."""
+        width, count = self.shifts.shape[2], self.factors.shape[1]
+        used = np.unique(self.chosen // count)
+        seen, basis = np.take(turned @ self.shifts, used, axis=2), np.eye(width)[:, used]
+        if seen.shape[1] <= 3:  # a sensor sees few combinations of all shifts
+            flat = seen.reshape(-1, len(used))
+            size, directions = np.linalg.eigh(flat.T @ flat)
+            directions = directions[:, size > 1e-13 * size[-1]]
+            seen, basis = seen @ directions, basis @ directions
+        products = np.einsum("nrm,nf->nrmf", seen, self.factors).reshape(*seen.shape[:2], -1)
+        of_products = np.kron(basis.T, np.eye(count))[:, self.chosen] @ self.turn
+        return products, np.linalg.qr(of_products.T, mode="r").T
+
+    def explained(self, signal: FloatArray, where: "Response") -> FloatArray:
+        """Return what nominal parameters that are fitted to a signal (N, C) change in the samples of another one."""
+        score = (signal[:, None] @ self.shifts)[:, 0].T @ self.factors
+        of_products = np.zeros(score.size)
+        of_products[self.chosen] = self.turn @ (self.turn.T @ score.ravel()[self.chosen])
+        of_shifts = self.factors @ of_products.reshape(score.shape).T
+        return np.asarray((where.shifts @ of_shifts[:, :, None])[:, :, 0])
+
+    def part(self, live: NDArray[np.bool_]) -> "Response":
+        """Return the response of some samples (N,) of bool alone."""
+        shifts = self.shifts * live[:, None, None]
+        width, count = shifts.shape[2], self.factors.shape[1]
+        of_shifts = (np.swapaxes(shifts, 1, 2) @ shifts).reshape(len(shifts), -1)
+        of_factors = (self.factors[:, :, None] * self.factors[:, None]).reshape(len(shifts), -1)
+        products = (of_shifts.T @ of_factors).reshape(width, width, count, count).transpose(0, 2, 1, 3)
+        information = products.reshape(width * count, -1)[np.ix_(self.chosen, self.chosen)]
+        return replace(self, shifts=shifts, turn=whitening(information, 1e-9))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +137,7 @@ class Residual:
     @property
     def response(self) -> FloatArray:
         """(N, C, R) change of the residual by a shift of each row."""
-        return self.seen.rows
-
-    @property
-    def nuisance(self) -> FloatArray:
-        """(N, C, q) orthonormal directions of the nominal parameters."""
-        return self.seen.nuisance
+        return self.seen.shifts[:, :, : len(self.matrix) + 1]
 
     @property
     def count(self) -> int:
@@ -110,7 +147,7 @@ class Residual:
     @property
     def sensor_count(self) -> int:
         """Number of sensors K."""
-        return int(self.response.shape[2] // 3)
+        return len(self.matrix) // 3
 
     @property
     def sensed(self) -> FloatArray:
@@ -132,14 +169,12 @@ class Residual:
         """Axes of the array in the world (N, 9), or without attitude the direction of the field in the array (N, 3)."""
         return self.field if self.rotation is None else self.rotation.reshape(self.count, 9)
 
-    def of_field(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def of_field(self) -> Products:
         """Return the same as ``of_rows`` for shifts (3,) of the field at all sensors."""
         return self._seen((), lambda: self.response[:, :, :-1] @ self.matrix)
 
-    def of_rows(self, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the information (N, r, r) on shifts of some rows, and their products (N, r, 1) and (N, r, q).
-
-        These are products with the residual, and with those combinations of the nuisance directions that are seen.
+    def of_rows(self, rows: NDArray[np.intp]) -> Products:
+        """Return the products of the responses to some rows, the nominal parameters being the nuisance.
 
         Parameters
         ----------
@@ -147,28 +182,24 @@ class Residual:
         """
         if len(rows) == 1 and rows[0] < 3 * self.sensor_count:
             sensor, axis = divmod(int(rows[0]), 3)
-            own = slice(axis, axis + 1)
-            information, score, cross = self.of_rows(3 * sensor + np.arange(3))
-            return information[:, own, own], score[:, own], cross[:, own]
+            return self.of_rows(3 * sensor + np.arange(3)).part(slice(axis, axis + 1))
         return self._seen(tuple(rows.tolist()), lambda: self.response[:, :, rows])
 
-    def _seen(
-        self, key: tuple[int, ...], response: Callable[[], FloatArray]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _seen(self, key: tuple[int, ...], response: Callable[[], FloatArray]) -> Products:
         """Return what is seen by a response (N, C, r); as it is large, only that of the last residual is kept."""
         seen, scores = _of_last(_LAST_SEEN, self.seen), _of_last(_LAST_SCORES, self)
         if key not in seen:
             turned: FloatArray = np.ascontiguousarray(np.swapaxes(response(), 1, 2))
-            seen[key] = turned, turned @ np.swapaxes(turned, 1, 2), _condensed(turned @ self.nuisance)
-        turned, information, cross = seen[key]
+            seen[key] = turned, turned @ np.swapaxes(turned, 1, 2), *self.seen.cross(turned)
+        turned, information, cross, turn = seen[key]
         if key not in scores:
             scores[key] = turned @ self.z[:, :, None]
-        return information, scores[key], cross
+        return Products(information, scores[key], cross, turn)
 
     @property
     def excess(self) -> float:
         """Energy beyond that of noise."""
-        return float((self.z**2).sum() - self.noise * (self.size - self.nuisance.shape[2]))
+        return float((self.z**2).sum() - self.noise * (self.size - self.seen.turn.shape[1]))
 
     @property
     def size(self) -> int:
@@ -188,37 +219,23 @@ class Residual:
 
     def without(self, signal: FloatArray) -> "Residual":
         """Return the residual without a signal (N, C), and without what the nominal parameters explain of the rest."""
-        return replace(self, z=_perpendicular(self.z - signal, self.nuisance))
+        return replace(self, z=self.clear(self.z - signal))
+
+    def clear(self, signal: FloatArray) -> FloatArray:
+        """Return a signal (N, C) in the samples that count, without what the nominal parameters explain of it."""
+        return signal * self.live[:, None] - self.seen.explained(signal, self.seen)
 
     def taking(self, chosen: NDArray[np.bool_]) -> "Residual":
         """Return the residual with the samples that are not chosen (N,) of bool left out of every sum."""
-        if chosen[self.live].all():
+        live = self.live & chosen
+        if live.sum() == self.live.sum():
             return self
-        return self._of(chosen, _orthonormal(self.nuisance * chosen[:, None, None]))
-
-    def parted(self, chosen: NDArray[np.bool_]) -> tuple["Residual", "Residual"]:
-        """Return the residual with the samples chosen (N,) of bool alone, and with the others alone."""
-        flat = self.nuisance[chosen].reshape(-1, self.nuisance.shape[2])
-        # Of orthonormal directions, the information that is not in one part is in the other.
-        information, turn = np.linalg.eigh(flat.T @ flat)
-        return self._part(chosen, information, turn), self._part(~chosen, 1 - information, turn)
-
-    def _part(self, chosen: NDArray[np.bool_], information: FloatArray, turn: FloatArray) -> "Residual":
-        """Return the part of some samples (N,), with the information (q,) in it on the nuisance directions, turned."""
-        kept = information > 1e-9
-        nuisance = np.zeros((*self.z.shape, int(kept.sum())))
-        nuisance[chosen] = self.nuisance[chosen] @ (turn[:, kept] / np.sqrt(information[kept]))
-        return self._of(chosen, nuisance)
-
-    def _of(self, chosen: NDArray[np.bool_], nuisance: FloatArray) -> "Residual":
-        """Return the residual of some samples (N,), with the nuisance directions (N, C, q) in them."""
-        keep = chosen[:, None]
-        z, response = _perpendicular(self.z * keep, nuisance), self.response * keep[:, :, None]
-        return replace(self, z=z, seen=Response(response, nuisance), live=self.live & chosen)
+        part = replace(self, seen=self.seen.part(live), live=live)
+        return replace(part, z=part.clear(self.z))
 
     def scaled(self, factor: float) -> "Residual":
         """Return the residual in units of a noise that is larger by a factor."""
-        seen = Response(self.response / factor, self.nuisance)
+        seen = replace(self.seen, shifts=self.seen.shifts / factor, turn=self.seen.turn * factor)
         return replace(self, z=self.z / factor, seen=seen, noise=self.noise / factor**2)
 
 
@@ -230,21 +247,12 @@ def _of_last(kept: "WeakKeyDictionary[Any, dict[tuple[int, ...], Any]]", key: An
     return kept[key]
 
 
-def _condensed(cross: FloatArray) -> FloatArray:
-    """Return products (N, r, q) with the nuisance directions, those of a sensor in the combinations that it sees."""
-    if cross.shape[1] > 3:  # several sensors see most of them
-        return cross
-    flat = cross.reshape(-1, cross.shape[2])
-    shared, directions = np.linalg.eigh(flat.T @ flat)
-    return np.asarray(cross @ directions[:, shared > 1e-13 * shared[-1]])
-
-
 def residual_of(model: Model) -> Residual:
     """Return the residual of a model at the samples that count, every so many of a long recording."""
     channels = model.base().channels
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
-    index = index[:: -(-len(index) // 5000)]  # more would not change which law predicts best
+    index = index[:: -(-len(index) // 6500)]  # more would not change which law predicts best
     z, response = _channels(channels, index)
     size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
     row_T = 1 / float(size)
@@ -256,23 +264,24 @@ def residual_of(model: Model) -> Residual:
     rate = covariates.rate_T_per_s[index] / unit_T
     rate = _of_unit_size(rate - unit * (unit * rate).sum(axis=1, keepdims=True))
     matrix = covariates.errors.matrix.reshape(-1, 3)
-    sensors: FloatArray = response[:, :, :-1]
-    parts = [sensors, *(sensors * field_T[:, None, axis, None] / unit_T for axis in range(3))]
+    chosen = np.arange(4 * len(matrix))
     rotation = None if covariates.attitude is None else to_world(covariates)
     if covariates.follows_attitude and covariates.attitude is not None:
         world = turns(covariates.attitude)[index]
         in_rows: FloatArray = matrix @ world
-        parts.append(sensors @ in_rows)
-    nuisance = _orthonormal(np.concatenate(parts, axis=2))
+        chosen = np.append(chosen, 4 * (len(matrix) + 1 + np.arange(3)))
+        response = np.concatenate([response, response[:, :, :-1] @ in_rows], axis=2)
+    factors = np.column_stack([np.ones(len(index)), field_T / unit_T])
+    live = np.ones(len(index), dtype=bool)
     further = {"temperature": covariates.temperature_C, "current": covariates.current_A, **covariates.further}
     named = {name: values[index] for name, values in further.items() if values is not None}
     standard = {name: (one - one.mean()) / one.std() for name, one in named.items() if one.std() > 0}
     own = (model.recording.readings_T[index] - covariates.errors.bias_T).reshape(len(index), -1) / unit_T
-    return Residual(
+    residual = Residual(
         model,
         covariates.time_s[index],
-        _perpendicular(z, nuisance),
-        Response(response, nuisance),
+        z,
+        Response(response, factors, chosen, np.empty(0)).part(live),
         unit,
         rate,
         matrix,
@@ -282,9 +291,10 @@ def residual_of(model: Model) -> Residual:
         row_T,
         unit_T,
         own,
-        np.ones(len(index), dtype=bool),
+        live,
         index,
     )
+    return replace(residual, z=residual.clear(z))
 
 
 def _channels(channels: WhitenedChannels, index: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -321,14 +331,3 @@ def _turning(rotation: FloatArray, time_s: FloatArray) -> FloatArray:
     turn = (change - np.swapaxes(change, 1, 2))[:, [2, 0, 1], [1, 2, 0]] / 2
     rate = turn / np.diff(time_s)[:, None]
     return _of_unit_size(np.vstack([rate[:1], (rate[1:] + rate[:-1]) / 2, rate[-1:]]))
-
-
-def _orthonormal(columns: FloatArray) -> FloatArray:
-    """Return orthonormal directions (N, C, q) of the span of columns (N, C, p)."""
-    flat = columns.reshape(-1, columns.shape[2])
-    return np.asarray((flat @ whitening(flat.T @ flat, 1e-9)).reshape(*columns.shape[:2], -1))
-
-
-def _perpendicular(z: FloatArray, nuisance: FloatArray) -> FloatArray:
-    flat = nuisance.reshape(z.size, -1)
-    return np.asarray(z - (flat @ (flat.T @ z.ravel())).reshape(z.shape))

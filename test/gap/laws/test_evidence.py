@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.linalg import inv, slogdet
 from numpy.testing import assert_allclose
+from scipy.linalg import orth
 
-from tam_calibration.gap.laws.evidence import Bins, Normal, course
+from tam_calibration.gap.laws.evidence import Bins, Normal, Products, course
 from tam_calibration.gap.laws.patterns import everywhere, in_sensor, of_motion
 from tam_calibration.gap.laws.whitened import residual_of
 
@@ -16,6 +17,13 @@ def residual(run):
     return residual_of(run(120).model())
 
 
+def nuisance_of(residual):
+    """Return orthonormal changes (N, C, q): each row's by a bias, and by a gain of each component of the field."""
+    rows, factors = residual.response[:, :, :-1], residual.seen.factors
+    dense = np.concatenate([rows * one[:, None, None] for one in factors.T], axis=2).reshape(residual.z.size, -1)
+    return orth(dense, rcond=3e-5).reshape(*residual.z.shape, -1)
+
+
 @pytest.mark.parametrize("law", ["offset", "gain", "rate"])
 def test_sums_over_rows_are_those_over_the_channels(residual, law):
     """A sample has more channels than rows that a law shifts, and the same products of both."""
@@ -23,7 +31,7 @@ def test_sums_over_rows_are_those_over_the_channels(residual, law):
         columns, sums = pattern.columns(residual), pattern.sums(residual, Bins.of_time(residual.time_s))
         assert_allclose(sums.information.sum(axis=0), np.einsum("ncp,ncq->pq", columns, columns), rtol=1e-9, atol=1e-9)
         assert_allclose(sums.score.sum(axis=0), np.einsum("ncp,nc->p", columns, residual.z), rtol=1e-6, atol=1e-9)
-        cross, shared = np.einsum("ncp,ncq->pq", columns, residual.nuisance), sums.cross.sum(axis=0)
+        cross, shared = np.einsum("ncp,ncq->pq", columns, nuisance_of(residual)), sums.cross.sum(axis=0)
         assert_allclose(shared @ shared.T, cross @ cross.T, rtol=1e-6, atol=1e-9)
         assert np.mean(np.sum(columns**2, axis=(1, 2))) == pytest.approx(columns.shape[2])
 
@@ -51,7 +59,7 @@ def test_the_evidence_of_a_course_is_that_of_its_dense_equations(residual):
         rows = np.zeros((residual.count, residual.z.shape[1], 3))
         rows[own[own >= 0]] = pattern.columns(residual)[own[own >= 0]]
         columns[:, 3 * index : 3 * index + 3] = rows.reshape(-1, 3)
-    nuisance = residual.nuisance.reshape(residual.z.size, -1)
+    nuisance = nuisance_of(residual).reshape(residual.z.size, -1)
     clear = columns - nuisance @ (nuisance.T @ columns)
     precision = prior + clear.T @ clear
     score = columns.T @ residual.z.ravel()
@@ -63,5 +71,6 @@ def test_the_evidence_of_a_course_is_that_of_its_dense_equations(residual):
 
 def test_what_no_channel_sees_has_no_evidence():
     """A row without response takes no coefficient."""
-    fit = Normal.of(np.ones((50, 1, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 1)), np.zeros((50, 1, 3))).fit()
+    unseen = np.zeros((50, 1, 1))
+    fit = Normal.of(np.ones((50, 1, 1)), Products(unseen, unseen, np.zeros((50, 1, 3)), np.eye(3))).fit()
     assert (fit.evidence, fit.mean.tolist()) == (0, [[0]])
