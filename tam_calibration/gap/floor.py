@@ -114,7 +114,9 @@ def _of_rows(channels: WhitenedChannels, stated_T: FloatArray) -> tuple[FloatArr
     """Return the levels and colours of the sensors' rows."""
     counted = channels.is_counted
     readings = channels.recording.readings_T.reshape(len(counted), -1)[counted]
-    fresh = _fresh(readings)
+    held = np.all(repeated(readings.reshape(len(readings), -1, 3)), axis=1)
+    is_filled = held.mean() > NOTABLE and (~held).sum() >= LEAST_SAMPLES
+    fresh = ~held if is_filled else np.ones_like(held)
     if channels.differential.size:
         mixing: FloatArray = channels.directions @ channels.directions.T
         residual: FloatArray = channels.differential[counted][fresh] @ channels.directions.T
@@ -164,15 +166,23 @@ def _colour_of(series: FloatArray) -> float:
     return float(np.clip(two / one - 1, -1, 1)) if one > 0 else 0.0
 
 
-def _fresh(readings: FloatArray) -> NDArray[np.bool_]:
-    """Return the samples (N,) that are not repeated or interpolated; all, where few are."""
-    fresh = np.ones(len(readings), dtype=bool)
-    size = np.abs(np.diff(readings, axis=0)).sum(axis=1)
-    off_line = np.abs(readings[1:-1] - (readings[2:] + readings[:-2]) / 2).sum(axis=1)
-    tiny = 1e-6 * max(float(np.median(size)), float(size.mean()))
-    fresh[1:-1] = (off_line > tiny) & (size[:-1] > tiny)
-    is_filled = (~fresh).mean() > NOTABLE and fresh.sum() >= LEAST_SAMPLES
-    return fresh if is_filled else np.ones(len(readings), dtype=bool)
+def repeated(readings: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples (N, K) of sensors repeat their last reading in all axes, or lie on a line between others.
+
+    Parameters
+    ----------
+    readings : (N, K, 3) array
+        In any unit.
+    """
+    change = np.diff(readings, axis=0)
+    usual = np.maximum(np.median(np.abs(change), axis=0), 1e-300)
+    held = np.zeros(readings.shape[:2], dtype=bool)
+    same = (np.abs(change) <= 1e-6 * usual).all(axis=2)
+    held[1:] |= same
+    bend = np.abs(np.diff(change, axis=0))
+    on_line = (bend <= 1e-3 * usual).all(axis=2)
+    held[1:-1] |= on_line & ~same[1:]
+    return held
 
 
 def _median_turn(channels: WhitenedChannels) -> float:

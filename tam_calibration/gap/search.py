@@ -17,11 +17,11 @@ from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NOTABLE, SLI
 from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.causes import sensors_and_axes
+from tam_calibration.gap.floor import repeated
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, given_form, places_of, sensors_of
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
 from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Place, Signature, acts_at, makes, may_make, usual_law
-from tam_calibration.gap.laws.scatter import repeated
 from tam_calibration.gap.laws.signature import Law, laws_of
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model

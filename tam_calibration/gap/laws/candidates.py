@@ -116,15 +116,12 @@ def _in_time(residual: Residual, pattern: Pattern, bins: Bins, lengths: Sequence
 
 
 def _following(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
-    """Yield courses that follow a recorded channel, with and without a lag."""
+    """Yield courses that follow a recorded channel, at the lag that explains most."""
     duration_s = float(np.ptp(residual.time_s))
     for name, channel in residual.channels.items():
         drives = [lagged(channel, residual.time_s, lag * duration_s) for lag in (0.0, 0.02, 0.1)]
-        tried = (
-            list(_constant(residual, pattern.times(one[:, None] / one.std(), name), "channel", len(drives)))
-            for one in drives
-            if one.std() > 0
-        )
+        lagging = [pattern.times(one[:, None] / one.std(), name) for one in drives if one.std() > 0]
+        tried = [list(_constant(residual, one, "channel", len(drives))) for one in lagging]
         yield from max(tried, key=lambda one: max(part.evidence for part in one), default=())
 
 

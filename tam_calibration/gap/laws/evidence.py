@@ -5,6 +5,7 @@ A law adds A_n c to the whitened residual of sample n. Either c is the same thro
 precision is tridiagonal (Rue and Held 2005, section 2.4), so that the cost is proportional to the number of bins.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -41,6 +42,10 @@ class Products:
     def part(self, rows: slice) -> "Products":
         """Return the products of some rows."""
         return Products(self.information[:, rows, rows], self.score[:, rows], self.cross[:, rows], self.turn)
+
+    def arranged(self, of_samples: Callable[[FloatArray], FloatArray]) -> "Products":
+        """Return them with what a function makes of their arrays (N, ...)."""
+        return Products(of_samples(self.information), of_samples(self.score), of_samples(self.cross), self.turn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +89,7 @@ class Sums:
         return band.reshape(width + 1, -1)
 
     @classmethod
-    def of(
-        cls,
-        shifts: FloatArray,
-        of_rows: Products,
-        bins: "Bins",
-        is_apart: bool = False,
-    ) -> "Sums":
+    def of(cls, shifts: FloatArray, of_rows: Products, bins: "Bins", is_apart: bool = False) -> "Sums":
         """Return the sums of shifts of r rows in N samples.
 
         Parameters
@@ -101,8 +100,7 @@ class Sums:
         is_apart : bool
             As of ``normal_equations``.
         """
-        parts = [bins.arranged(one) for one in (of_rows.information, of_rows.score, of_rows.cross)]
-        own, right = normal_equations(bins.arranged(shifts), Products(*parts, of_rows.turn), is_apart)
+        own, right = normal_equations(bins.arranged(shifts), of_rows.arranged(bins.arranged), is_apart)
         return cls(own, right, bins.place, bins.is_first)
 
     def part(self, columns: NDArray[np.intp], factor: float) -> "Sums":
@@ -250,9 +248,7 @@ def _deviations(factor: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(inverse, 0)).reshape(shape))
 
 
-def normal_equations(
-    shifts: FloatArray, of_rows: Products, is_apart: bool = False
-) -> tuple[FloatArray, FloatArray]:
+def normal_equations(shifts: FloatArray, of_rows: Products, is_apart: bool = False) -> tuple[FloatArray, FloatArray]:
     """Return the information (B, P, P) on coefficients, and their products (B, P, 1 + s), in bins of n samples.
 
     Parameters
@@ -265,22 +261,20 @@ def normal_equations(
     is_apart : bool
         Whether each row has coefficients of its own.
     """
-    information = of_rows.information
+    information, right = of_rows.information, (of_rows.score, of_rows.cross)
     bins, count, rows, _ = information.shape
     width = shifts.shape[3]
     if not is_apart:
         flat = shifts.reshape(bins, -1, width)
         own = np.swapaxes(flat, 1, 2) @ (information @ shifts).reshape(flat.shape)
-        of_each = (one.reshape(bins, count * rows, -1) for one in (of_rows.score, of_rows.cross))
-        score, cross = (np.swapaxes(flat, 1, 2) @ one for one in of_each)
+        score, cross = (np.swapaxes(flat, 1, 2) @ one.reshape(bins, count * rows, -1) for one in right)
         return own, np.concatenate([score, cross @ of_rows.turn], axis=2)
     turned = shifts.transpose(2, 0, 3, 1)
     weighed = ((information[:, :, one, :, None] * shifts).reshape(bins, count, -1) for one in range(rows))
     own = np.stack([values @ each for values, each in zip(turned, weighed, strict=True)], axis=1)
-    of_both = (of_rows.score, of_rows.cross)
-    score, cross = (np.stack([values @ one[:, :, row] for row, values in enumerate(turned)], axis=1) for one in of_both)
-    right = np.concatenate([score, cross @ of_rows.turn], axis=3)
-    return own.reshape(bins, rows * width, -1), right.reshape(bins, rows * width, -1)
+    score, cross = (np.stack([values @ one[:, :, row] for row, values in enumerate(turned)], axis=1) for one in right)
+    products = np.concatenate([score, cross @ of_rows.turn], axis=3)
+    return own.reshape(bins, rows * width, -1), products.reshape(bins, rows * width, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,8 +300,7 @@ class Normal:
     @classmethod
     def of(cls, shifts: FloatArray, of_rows: Products, is_apart: bool = False) -> "Normal":
         """Return the equations of shifts (N, r, f) or (N, r, P), as of ``normal_equations`` in one bin."""
-        in_bins = (of_rows.information[None], of_rows.score[None], of_rows.cross[None])
-        own, right = normal_equations(shifts[None], Products(*in_bins, of_rows.turn), is_apart)
+        own, right = normal_equations(shifts[None], of_rows.arranged(lambda one: one[None]), is_apart)
         most = np.tensordot(np.trace(of_rows.information, axis1=1, axis2=2), shifts**2, 1)
         return cls(own[0], right[0], most.ravel() if is_apart else most.sum(axis=0), len(shifts))
 

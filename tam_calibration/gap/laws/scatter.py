@@ -181,25 +181,6 @@ def spikes(residual: Residual) -> NDArray[np.bool_]:
     return found if found.sum() <= max(MINOR * len(found), A_DOZEN) else np.zeros(len(found), dtype=bool)
 
 
-def repeated(readings: FloatArray) -> NDArray[np.bool_]:
-    """Return which samples (N, K) of sensors repeat their last reading in all axes, or lie on a line between others.
-
-    Parameters
-    ----------
-    readings : (N, K, 3) array
-        In any unit.
-    """
-    change = np.diff(readings, axis=0)
-    usual = np.maximum(np.median(np.abs(change), axis=0), 1e-300)
-    held = np.zeros(readings.shape[:2], dtype=bool)
-    same = (np.abs(change) <= 1e-6 * usual).all(axis=2)
-    held[1:] |= same
-    bend = np.abs(np.diff(change, axis=0))
-    on_line = (bend <= 1e-3 * usual).all(axis=2)
-    held[1:-1] |= on_line & ~same[1:]
-    return held
-
-
 def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple[str, ...]]:
     """Return the law of some samples (N,), and the sensors and axes whose shifts explain most of them, the fewest.
 

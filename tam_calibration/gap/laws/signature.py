@@ -10,12 +10,13 @@ from tam_calibration.effects.converter import find_lattices
 from tam_calibration.effects.grades import FEWEST, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.states import Times
+from tam_calibration.gap.floor import repeated
 from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, LEAST_SHARE, TIE
 from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws
 from tam_calibration.gap.laws.law import SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
-from tam_calibration.gap.laws.scatter import law_of, noise_follows, repeated, scatter_of, spikes
+from tam_calibration.gap.laws.scatter import law_of, noise_follows, scatter_of, spikes
 from tam_calibration.gap.laws.states import change_times
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model

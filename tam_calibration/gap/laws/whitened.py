@@ -32,7 +32,7 @@ class Response:
     Parameters
     ----------
     shifts : (N, C, R + w) array
-        Change of the residual by a shift of each row, in units of the row's own noise, and of w components of the field.
+        Change of the residual by a shift of each row, in units of the row's own noise, and of components of the field.
     factors : (N, 4) array
         One, and the field in the array's frame.
     chosen : (p,) array
@@ -46,19 +46,29 @@ class Response:
     chosen: NDArray[np.intp]
     turn: FloatArray
 
+    @classmethod
+    def of(cls, shifts: FloatArray, factors: FloatArray, chosen: NDArray[np.intp]) -> "Response":
+        """Return the response in which every sample that sees a shift counts."""
+        count, width, each = len(shifts), shifts.shape[2], factors.shape[1]
+        of_shifts = (np.swapaxes(shifts, 1, 2) @ shifts).reshape(count, -1)
+        of_factors = (factors[:, :, None] * factors[:, None]).reshape(count, -1)
+        products = (of_shifts.T @ of_factors).reshape(width, width, each, each).transpose(0, 2, 1, 3)
+        information = products.reshape(width * each, -1)[np.ix_(chosen, chosen)]
+        return cls(shifts, factors, chosen, whitening(information, 1e-9))
+
     def cross(self, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the products (N, r, m) of responses (N, r, C) with changes by nominal parameters, and their turn."""
-        width, count = self.shifts.shape[2], self.factors.shape[1]
-        used = np.unique(self.chosen // count)
-        seen, basis = np.take(turned @ self.shifts, used, axis=2), np.eye(width)[:, used]
+        each = self.factors.shape[1]
+        used = np.unique(self.chosen // each)
+        seen, basis = np.take(turned @ self.shifts, used, axis=2), np.eye(self.shifts.shape[2])[:, used]
         if seen.shape[1] <= 3:  # a sensor sees few combinations of all shifts
             flat = seen.reshape(-1, len(used))
             size, directions = np.linalg.eigh(flat.T @ flat)
             directions = directions[:, size > 1e-13 * size[-1]]
             seen, basis = seen @ directions, basis @ directions
         products = np.einsum("nrm,nf->nrmf", seen, self.factors).reshape(*seen.shape[:2], -1)
-        of_products = np.kron(basis.T, np.eye(count))[:, self.chosen] @ self.turn
-        return products, np.linalg.qr(of_products.T, mode="r").T
+        of_products = np.kron(basis.T, np.eye(each))[:, self.chosen] @ self.turn
+        return products, np.linalg.qr(of_products.T)[1].T
 
     def explained(self, signal: FloatArray, where: "Response") -> FloatArray:
         """Return what nominal parameters that are fitted to a signal (N, C) change in the samples of another one."""
@@ -67,16 +77,6 @@ class Response:
         of_products[self.chosen] = self.turn @ (self.turn.T @ score.ravel()[self.chosen])
         of_shifts = self.factors @ of_products.reshape(score.shape).T
         return np.asarray((where.shifts @ of_shifts[:, :, None])[:, :, 0])
-
-    def part(self, live: NDArray[np.bool_]) -> "Response":
-        """Return the response of some samples (N,) of bool alone."""
-        shifts = self.shifts * live[:, None, None]
-        width, count = shifts.shape[2], self.factors.shape[1]
-        of_shifts = (np.swapaxes(shifts, 1, 2) @ shifts).reshape(len(shifts), -1)
-        of_factors = (self.factors[:, :, None] * self.factors[:, None]).reshape(len(shifts), -1)
-        products = (of_shifts.T @ of_factors).reshape(width, width, count, count).transpose(0, 2, 1, 3)
-        information = products.reshape(width * count, -1)[np.ix_(self.chosen, self.chosen)]
-        return replace(self, shifts=shifts, turn=whitening(information, 1e-9))
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +230,8 @@ class Residual:
         live = self.live & chosen
         if live.sum() == self.live.sum():
             return self
-        part = replace(self, seen=self.seen.part(live), live=live)
+        seen = Response.of(self.seen.shifts * live[:, None, None], self.seen.factors, self.seen.chosen)
+        part = replace(self, seen=seen, live=live)
         return replace(part, z=part.clear(self.z))
 
     def scaled(self, factor: float) -> "Residual":
@@ -252,7 +253,7 @@ def residual_of(model: Model) -> Residual:
     channels = model.base().channels
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
-    index = index[:: -(-len(index) // 6500)]  # more would not change which law predicts best
+    index = index[:: -(-len(index) // 6500)]  # of fewer the laws of fast motion are others
     z, response = _channels(channels, index)
     size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
     row_T = 1 / float(size)
@@ -264,15 +265,14 @@ def residual_of(model: Model) -> Residual:
     rate = covariates.rate_T_per_s[index] / unit_T
     rate = _of_unit_size(rate - unit * (unit * rate).sum(axis=1, keepdims=True))
     matrix = covariates.errors.matrix.reshape(-1, 3)
-    chosen = np.arange(4 * len(matrix))
+    factors = np.column_stack([np.ones(len(index)), field_T / unit_T])
+    chosen = np.arange(len(matrix) * factors.shape[1])
     rotation = None if covariates.attitude is None else to_world(covariates)
     if covariates.follows_attitude and covariates.attitude is not None:
         world = turns(covariates.attitude)[index]
         in_rows: FloatArray = matrix @ world
-        chosen = np.append(chosen, 4 * (len(matrix) + 1 + np.arange(3)))
+        chosen = np.append(chosen, (response.shape[2] + np.arange(3)) * factors.shape[1])
         response = np.concatenate([response, response[:, :, :-1] @ in_rows], axis=2)
-    factors = np.column_stack([np.ones(len(index)), field_T / unit_T])
-    live = np.ones(len(index), dtype=bool)
     further = {"temperature": covariates.temperature_C, "current": covariates.current_A, **covariates.further}
     named = {name: values[index] for name, values in further.items() if values is not None}
     standard = {name: (one - one.mean()) / one.std() for name, one in named.items() if one.std() > 0}
@@ -281,7 +281,7 @@ def residual_of(model: Model) -> Residual:
         model,
         covariates.time_s[index],
         z,
-        Response(response, factors, chosen, np.empty(0)).part(live),
+        Response.of(response, factors, chosen),
         unit,
         rate,
         matrix,
@@ -291,7 +291,7 @@ def residual_of(model: Model) -> Residual:
         row_T,
         unit_T,
         own,
-        live,
+        np.ones(len(index), dtype=bool),
         index,
     )
     return replace(residual, z=residual.clear(z))
