@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,14 +86,13 @@ def _places(residual: Residual) -> Iterator[tuple[str, Place, tuple[str, ...], F
     for sensor in range(1, residual.sensor_count + 1):
         rows = sensor_rows(sensor)
         response = residual.response[:, :, rows]
+        late = response * residual.sensed_rate[:, None, rows]
         yield "noise", (sensor,), tuple(AXES), response
-        for axis in range(3):
-            yield "noise", (sensor,), (AXES[axis],), response[:, :, axis : axis + 1]
-        rate = residual.sensed_rate[:, rows]
-        yield "rate", (sensor,), tuple(AXES), response @ rate[:, :, None]
-        for axis in range(3):
-            yield "rate", (sensor,), (AXES[axis],), response[:, :, axis : axis + 1] * rate[:, None, axis : axis + 1]
+        yield "rate", (sensor,), tuple(AXES), late.sum(axis=2, keepdims=True)
         yield "gain", (sensor,), tuple(AXES), response @ residual.own[:, rows, None]
+        for axis, name in enumerate(AXES):
+            yield "noise", (sensor,), (name,), response[:, :, axis : axis + 1]
+            yield "rate", (sensor,), (name,), late[:, :, axis : axis + 1]
     yield "noise", ("scalar",), (), residual.response[:, :, -1:]
 
 
@@ -184,20 +184,27 @@ def spikes(residual: Residual) -> NDArray[np.bool_]:
 def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple[str, ...]]:
     """Return the law of some samples (N,), and the sensors and axes whose shifts explain most of them, the fewest.
 
-    Where no sensor alone explains them, all may be off. Where all axes of a sensor are off along the rate of change of
-    the field, its time is off.
+    Where not even several sensors explain them, all may be off. Where all axes of a sensor are off along the rate of
+    change of the field, its time is off.
     """
-    explained = {}
-    for law, sensors, axes, columns in _places(rest):
-        if law in ("noise", "rate"):
-            values, along = _resolved(columns[chosen], replace(rest, z=rest.z[chosen]))
-            seen = values > 1e-9 * max(values.max(), 1e-300)
-            explained[law, sensors, axes] = float((along**2 / np.where(seen, values, np.inf)).sum())
+
+    def energy(columns: FloatArray) -> float:
+        """Return the energy that free shifts along columns (N, C, p) explain in the chosen samples."""
+        values, along = _resolved(columns[chosen], replace(rest, z=rest.z[chosen]))
+        seen = values > 1e-9 * max(values.max(), 1e-300)
+        return float((along**2 / np.where(seen, values, np.inf)).sum())
+
+    explained = {place[:3]: energy(place[3]) for place in _places(rest) if place[0] in ("noise", "rate")}
     noise = {key[1:]: value for key, value in explained.items() if key[0] == "noise"}
     least = NEARLY_ALL * max(noise.values())
     sensors, axes = min((key for key in noise if noise[key] > least), key=lambda key: len(key[1]))
     beyond_noise = float((rest.z[chosen] ** 2).sum()) - chosen.sum() * rest.z.shape[1]
     if noise[sensors, axes] < (1 - NOTABLE) * beyond_noise:
-        return "samples", tuple(range(1, rest.sensor_count + 1)), tuple(AXES)
+        every = tuple(range(1, rest.sensor_count + 1))
+        # What all sensors have, all but one can have as well: only differences between them are seen.
+        several = [one for count in range(2, len(every) - 1) for one in combinations(every, count)]
+        energies = {one: energy(_shifts(rest, one, tuple(AXES))) for one in several}
+        enough = [one for one in several if energies[one] >= (1 - TOLERANCE**2) * beyond_noise]
+        return "samples", min(enough, key=lambda one: (len(one), -energies[one]), default=every), tuple(AXES)
     along_rate = explained.get(("rate", sensors, axes), 0.0) if len(axes) == 3 and chosen.sum() >= FEWEST else 0.0
     return "rate" if along_rate > (1 - MINOR) * noise[sensors, axes] else "samples", sensors, axes

@@ -247,6 +247,17 @@ def test_a_law_of_many_sensors_names_them_all(run):
     assert (found[0].law, found[0].course, found[0].sensors) == ("offset", "episodes", (1, 2, 3, 4))
 
 
+@pytest.mark.parametrize("sensors", [(1, 2), (2, 4)])
+def test_pulses_in_two_sensors_name_both(run, sensors):
+    """Pulses at the same samples of two sensors, in each of its own size and direction."""
+    clean, rng = run(samples=600), np.random.default_rng(7)
+    pulses = np.zeros((600, 1))
+    pulses[40::90] = 1.0
+    put = {sensor: pulses * rng.normal(0, 2e-8, (600, 3)) for sensor in sensors}
+    (first,) = signature(in_sensors(clean, put))
+    assert (first.law, first.sensors, first.places) == ("samples", sensors, (sensors,))
+
+
 def test_laws_of_two_sensors_that_are_not_one_stay_apart(run):
     """A curved axis of one, and gains of another that wander, which a curve imitates in part."""
     clean = run(samples=900)
