@@ -114,7 +114,10 @@ command.add_command(inject)
 )
 @_jobs_option
 def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: str, jobs: int) -> None:
-    """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json."""
+    """Make recordings in OUT, with their sealed keys in keys.json and what commits to those in commitments.json.
+
+    A case is left out where no recording shows its causes apart.
+    """
     from tam_validation.blind.case_plan import plan_cases
     from tam_validation.blind.folder import COMMITMENTS, KEYS, case_name, seal, write_json
 
@@ -126,20 +129,31 @@ def make(folder: Path, cases: int, seed: int, kinds: tuple[str, ...], outside: s
     with write_together({"cases": folder}, []) as beside:
         plans = plan_cases(kinds, cases, seed, outside)
         tasks = [(beside["cases"], plan, seed, number) for number, plan in enumerate(plans, start=1)]
-        keys, commitments = {}, {}
-        for number, key in _in_processes("making cases", _make_one, tasks, jobs):
-            keys[case_name(number)], commitments[case_name(number)] = seal(key)
+        keys, commitments, left_out = {}, {}, {}
+        for number, made in _in_processes("making cases", _make_one, tasks, jobs):
+            if isinstance(made, str):
+                left_out[case_name(number)] = made
+            else:
+                keys[case_name(number)], commitments[case_name(number)] = seal(made)
+        if not keys:
+            raise Refused(f"no case can be made: {left_out[case_name(1)]}")
         write_json(beside["cases"] / KEYS, dict(sorted(keys.items())))
         write_json(beside["cases"] / COMMITMENTS, dict(sorted(commitments.items())))
-    say(f"{cases} cases in {folder}, their keys in {folder / KEYS}: keep those apart until the score")
+    for name, reason in sorted(left_out.items()):
+        say(f"{name} is left out: {reason}")
+    say(f"{len(keys)} cases in {folder}, their keys in {folder / KEYS}: keep those apart until the score")
 
 
-def _make_one(task: tuple[Path, "CasePlan", int, int]) -> tuple[int, dict[str, Any]]:
+def _make_one(task: tuple[Path, "CasePlan", int, int]) -> tuple[int, dict[str, Any] | str]:
+    """Write a case, and return its number and key; or why there is none."""
     from tam_validation.blind.case import make_case
     from tam_validation.blind.folder import case_name, write_case
 
     folder, plan, seed, number = task
-    case = make_case(plan, seed, number)
+    try:
+        case = make_case(plan, seed, number)
+    except Refused as reason:
+        return number, str(reason)
     write_case(folder / case_name(number), case)
     return number, case.key
 

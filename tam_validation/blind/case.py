@@ -138,9 +138,7 @@ def make_case(plan: CasePlan, seed: int, number: int) -> Case:
         made = _try(rng, plan)
         if made is not None:
             return made
-    raise Refused(
-        f"no recording was found in which {' and '.join(plan.effects)} can be seen and told apart: take another seed"
-    )
+    raise Refused(f"no recording was found in which {' and '.join(plan.effects)} can be seen and told apart")
 
 
 def _try(rng: Generator, plan: CasePlan) -> Case | None:

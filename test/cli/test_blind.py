@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 from tam_calibration.cli.main import main
 from tam_calibration.recordings import read_array, read_recording
+from tam_validation.blind.case_plan import CasePlan
 
 
 def run(*words):
@@ -47,6 +48,22 @@ def test_the_same_seed_makes_the_same_files(cases, tmp_path):
     assert run("make", tmp_path / "again", "--cases", 4, "--seed", 3, "--jobs", 2).exit_code == 0
     for path in cases.glob("case_*/data.csv"):
         assert (tmp_path / "again" / path.parent.name / "data.csv").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("gaps", [(1.0, 1e9), (1e9, 1e9)])
+def test_a_case_that_cannot_be_made_is_left_out(tmp_path, monkeypatch, gaps):
+    """The others are made, and the command says which one is not, and why; without any there is no folder."""
+    plans = [CasePlan("single", ("bias_jump",), (gap,)) for gap in gaps]
+    monkeypatch.setattr("tam_validation.blind.case_plan.plan_cases", lambda *_: plans)
+    monkeypatch.setattr("tam_validation.blind.case._TRIES", 20)
+    monkeypatch.setattr("tam_validation.blind_command._in_processes", lambda _, work, tasks, jobs: map(work, tasks))
+    result, folder = run("make", tmp_path / "cases", "--cases", 2, "--seed", 3), tmp_path / "cases"
+    reason = "no recording was found in which bias_jump can be seen and told apart"
+    if min(gaps) > 1:
+        assert result.exit_code == 1 and f"no case can be made: {reason}" in result.stderr and not folder.exists()
+    else:
+        assert result.exit_code == 0 and f"case_0002 is left out: {reason}" in result.output
+        assert [path.name for path in folder.glob("case_*")] == list(json.loads((folder / "keys.json").read_text()))
 
 
 def test_no_case_is_mixed_with_older_ones(cases):
