@@ -188,6 +188,18 @@ def test_a_law_without_a_cause_is_tried_again_beside_another_cause(monkeypatch):
     assert search._open == []
 
 
+def test_the_sizes_of_spikes_in_two_sensors_are_stated_for_both(run):
+    """Each has its rate and size, and no other sensor."""
+    clean, struck = run(SAMPLES), slice(20, None, 40)
+    pulses = np.zeros((SAMPLES, clean.row_count))
+    for first in (3, 9):
+        pulses[struck, first : first + 3] = np.random.default_rng(first).normal(0, 3e-8, pulses[struck, :3].shape)
+    made = clean.with_added(pulses)
+    (cause,) = diagnose(made.recording, made.array).causes
+    assert (cause.fitted.effect, cause.sensors) == ("outliers", (2, 4))
+    assert [part.sensor for part in cause.fitted.contributions] == [1, 3]
+
+
 def test_spikes_of_one_axis_are_in_that_one(run):
     """Also where a single reading of another sensor is far off."""
     spikes, other = np.zeros((2, SAMPLES))

@@ -99,7 +99,7 @@ def _means(visit: NDArray[np.intp], values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A law that was found, the energy that it predicts, and the others tried, the best first.
+    """A law that was found, the energy that it predicts, and those that cannot be told from the best, it included.
 
     Parameters
     ----------

@@ -125,8 +125,7 @@ def _signatures(residual: Residual, whole: float) -> tuple[list[Signature], list
     recording = residual.model.recording
     held = repeated(recording.readings_T)[residual.index]
     # A sensor at half the rate repeats half of its readings, and has lost none.
-    is_lost = (held.sum(axis=0) >= FEWEST) & (held.mean(axis=0) < MOST - SLIGHT)
-    lost = np.flatnonzero(is_lost).tolist()
+    lost = np.flatnonzero((held.sum(axis=0) >= FEWEST) & (held.mean(axis=0) < MOST - SLIGHT)).tolist()
     outlying = spikes(residual) | outlying_samples(recording)[residual.index]
     apart = outlying | held[:, lost].any(axis=1)
     quiet = residual.taking(~apart)
@@ -172,9 +171,7 @@ def _common_noise(residual: Residual) -> list[Signature]:
 
 def _at_all(residual: Residual, quiet: Residual, found: list[Found]) -> Residual:
     """Return the residual of all samples without laws and nominal parameters, fitted to the quiet samples alone."""
-    z = residual.z.copy()
-    for one in found:
-        z -= one.signal(residual, one.residual)
+    z = residual.z - sum(one.signal(residual, one.residual) for one in found)
     return replace(residual, z=z - quiet.seen.explained(z, residual.seen))
 
 
@@ -254,8 +251,7 @@ def _places(found: Found) -> tuple[Place, ...]:
     possible = places_of(shared.pattern.sensors, shared.signal(found.residual, found.residual), found.residual)
     if shared is not best:
         return possible
-    least = max(best.evidence, found.others[0].evidence) - TIE
-    others = [one.pattern.sensors for one in found.others if one.evidence >= least and one.pattern.sensors != SCALAR]
+    others = [one.pattern.sensors for one in found.others if one.pattern.sensors != SCALAR]
     return tuple(dict.fromkeys((*possible, *others)))
 
 
