@@ -50,14 +50,13 @@ def held(residual: Residual, place: int | str) -> float:
     """Return the energy that a free shift of the rows of a place explains in every sample, beyond that of noise."""
     rows = np.array([3 * residual.sensor_count]) if place == "scalar" else patterns.sensor_rows(int(place))
     of_rows = residual.of_rows(rows)
-    information, score = of_rows.information, of_rows.score
-    trace = np.trace(information, axis1=1, axis2=2).mean()
+    trace = np.trace(of_rows.information, axis1=1, axis2=2).mean()
     if trace <= 0:
         return -np.inf
-    regular = information + 1e-6 * trace * np.eye(len(rows))
-    solved = np.linalg.solve(regular, np.concatenate([score, information], axis=2))
+    regular = of_rows.information + 1e-6 * trace * np.eye(len(rows))
+    solved = np.linalg.solve(regular, np.concatenate([of_rows.score, of_rows.information], axis=2))
     free = np.trace(solved[:, :, 1:], axis1=1, axis2=2).sum()
-    return float((score * solved[:, :, :1]).sum() - residual.noise * free)
+    return float((of_rows.score * solved[:, :, :1]).sum() - residual.noise * free)
 
 
 def _in_place(residual: Residual, place: int | str, bins: Bins, has_free: bool) -> Iterator[Candidate]:

@@ -100,8 +100,8 @@ class Sums:
         is_apart : bool
             As of ``normal_equations``.
         """
-        own, right = normal_equations(bins.arranged(shifts), of_rows.arranged(bins.arranged), is_apart)
-        return cls(own, right, bins.place, bins.is_first)
+        sums = normal_equations(bins.arranged(shifts), of_rows.arranged(bins.arranged), is_apart)
+        return cls(*sums, bins.place, bins.is_first)
 
     def part(self, columns: NDArray[np.intp], factor: float) -> "Sums":
         """Return the sums of some columns, multiplied by a factor."""

@@ -33,14 +33,13 @@ def scatter_of(residual: Residual, whole: float) -> list[Signature]:
     # Noise, and the error of any law of the residual's size.
     unit = float(np.sqrt(1 + TOLERANCE**2 * max(left, 0.0) / residual.size))
     scaled = residual.scaled(unit)
-    axes = tuple(AXES)
     judged = partial(_scatter, scaled, unit, whole)
     found = [judged(*place) for place in _places(scaled)]
     noisy = [one for one in found if one.law in ("noise", "samples") and len(one.axes) == 3]
     noisy = sorted(noisy, key=lambda one: -one.evidence)
     for count in range(2, len(noisy) + 1):
         several = tuple(sorted((one.sensors[0] for one in noisy[:count]), key=str))
-        found.append(judged("noise", several, axes, _shifts(scaled, several, axes)))
+        found.append(judged("noise", several, tuple(AXES), _shifts(scaled, several, tuple(AXES))))
         if found[-1].evidence < noisy[0].evidence:
             break
     common = max(_widened(_of_sizes(*_resolved(scaled.response[:, :, :-1], scaled))), 0.0)
@@ -187,24 +186,28 @@ def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple
     Where not even several sensors explain them, all may be off. Where all axes of a sensor are off along the rate of
     change of the field, its time is off.
     """
+    few = replace(rest, z=rest.z[chosen], seen=replace(rest.seen, shifts=rest.seen.shifts[chosen]))
 
     def energy(columns: FloatArray) -> float:
-        """Return the energy that free shifts along columns (N, C, p) explain in the chosen samples."""
-        values, along = _resolved(columns[chosen], replace(rest, z=rest.z[chosen]))
+        """Return the energy that free shifts along columns of the chosen samples explain."""
+        values, along = _resolved(columns, few)
         seen = values > 1e-9 * max(values.max(), 1e-300)
         return float((along**2 / np.where(seen, values, np.inf)).sum())
 
-    explained = {place[:3]: energy(place[3]) for place in _places(rest) if place[0] in ("noise", "rate")}
+    def of_place(place: Place) -> float:
+        return energy(_shifts(few, place, tuple(AXES)))
+
+    explained = {place[:3]: energy(place[3][chosen]) for place in _places(rest) if place[0] in ("noise", "rate")}
     noise = {key[1:]: value for key, value in explained.items() if key[0] == "noise"}
     least = NEARLY_ALL * max(noise.values())
     sensors, axes = min((key for key in noise if noise[key] > least), key=lambda key: len(key[1]))
     beyond_noise = float((rest.z[chosen] ** 2).sum()) - chosen.sum() * rest.z.shape[1]
     if noise[sensors, axes] < (1 - NOTABLE) * beyond_noise:
         every = tuple(range(1, rest.sensor_count + 1))
+        found: Place = max(combinations(every, 2), key=of_place, default=every)
         # What all sensors have, all but one can have as well: only differences between them are seen.
-        several = [one for count in range(2, len(every) - 1) for one in combinations(every, count)]
-        energies = {one: energy(_shifts(rest, one, tuple(AXES))) for one in several}
-        enough = [one for one in several if energies[one] >= (1 - TOLERANCE**2) * beyond_noise]
-        return "samples", min(enough, key=lambda one: (len(one), -energies[one]), default=every), tuple(AXES)
+        while found != every and (len(found) > len(every) - 2 or of_place(found) < (1 - TOLERANCE**2) * beyond_noise):
+            found = max((tuple(sorted({*found, one})) for one in every if one not in found), key=of_place)
+        return "samples", found, tuple(AXES)
     along_rate = explained.get(("rate", sensors, axes), 0.0) if len(axes) == 3 and chosen.sum() >= FEWEST else 0.0
     return "rate" if along_rate > (1 - MINOR) * noise[sensors, axes] else "samples", sensors, axes
