@@ -63,6 +63,7 @@ def numbered_causes(found: Search, model: Model, size: Size, chances: Mapping[st
         sensors, axes = sensors_and_axes(places, model.recording)
         if isinstance(step.accepted.form, Finding) and ALL in sensors_of(places):
             sensors, axes = step.law.sensors, step.law.axes
+            # The numbers are stated for the sensors that the law names.
             if "scalar" not in sensors and len(sensors) < model.recording.sensor_count:
                 own = [replace(part, sensor=int(one) - 1) for part in effect.contributions for one in sensors]
                 effect = replace(effect, contributions=tuple(own))

@@ -186,16 +186,17 @@ def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple
     Where not even several sensors explain them, all may be off. Where all axes of a sensor are off along the rate of
     change of the field, its time is off.
     """
-    few = replace(rest, z=rest.z[chosen], seen=replace(rest.seen, shifts=rest.seen.shifts[chosen]))
+    struck = replace(rest, z=rest.z[chosen], seen=replace(rest.seen, shifts=rest.seen.shifts[chosen]))
 
     def energy(columns: FloatArray) -> float:
         """Return the energy that free shifts along columns of the chosen samples explain."""
-        values, along = _resolved(columns, few)
+        values, along = _resolved(columns, struck)
         seen = values > 1e-9 * max(values.max(), 1e-300)
         return float((along**2 / np.where(seen, values, np.inf)).sum())
 
-    def of_place(place: Place) -> float:
-        return energy(_shifts(few, place, tuple(AXES)))
+    def energy_at(place: Place) -> float:
+        """Return the energy that free shifts of all axes of some sensors explain."""
+        return energy(_shifts(struck, place, tuple(AXES)))
 
     explained = {place[:3]: energy(place[3][chosen]) for place in _places(rest) if place[0] in ("noise", "rate")}
     noise = {key[1:]: value for key, value in explained.items() if key[0] == "noise"}
@@ -204,10 +205,10 @@ def law_of(rest: Residual, chosen: NDArray[np.bool_]) -> tuple[str, Place, tuple
     beyond_noise = float((rest.z[chosen] ** 2).sum()) - chosen.sum() * rest.z.shape[1]
     if noise[sensors, axes] < (1 - NOTABLE) * beyond_noise:
         every = tuple(range(1, rest.sensor_count + 1))
-        found: Place = max(combinations(every, 2), key=of_place, default=every)
+        found: Place = max(combinations(every, 2), key=energy_at, default=every)
         # What all sensors have, all but one can have as well: only differences between them are seen.
-        while found != every and (len(found) > len(every) - 2 or of_place(found) < (1 - TOLERANCE**2) * beyond_noise):
-            found = max((tuple(sorted({*found, one})) for one in every if one not in found), key=of_place)
+        while found != every and (len(found) > len(every) - 2 or energy_at(found) < (1 - TOLERANCE**2) * beyond_noise):
+            found = max((tuple(sorted({*found, one})) for one in every if one not in found), key=energy_at)
         return "samples", found, tuple(AXES)
     along_rate = explained.get(("rate", sensors, axes), 0.0) if len(axes) == 3 and chosen.sum() >= FEWEST else 0.0
     return "rate" if along_rate > (1 - MINOR) * noise[sensors, axes] else "samples", sensors, axes

@@ -35,7 +35,7 @@ class Response:
         Change of the residual by a shift of each row, in units of the row's own noise, and of components of the field.
     factors : (N, 4) array
         One, and the field in the array's frame.
-    chosen : (p,) array
+    parameters : (p,) array
         The nominal parameters among the products of shifts and factors, in the order of shifts.
     turn : (p, q) array
         To those q combinations of the parameters whose changes are orthonormal in the samples that count.
@@ -43,23 +43,24 @@ class Response:
 
     shifts: FloatArray
     factors: FloatArray
-    chosen: NDArray[np.intp]
+    parameters: NDArray[np.intp]
     turn: FloatArray
 
     @classmethod
-    def of(cls, shifts: FloatArray, factors: FloatArray, chosen: NDArray[np.intp]) -> "Response":
+    def of(cls, shifts: FloatArray, factors: FloatArray, parameters: NDArray[np.intp]) -> "Response":
         """Return the response in which every sample that sees a shift counts."""
+        # The information of a sample on products is that on its shifts times the products of its factors.
         count, width, each = len(shifts), shifts.shape[2], factors.shape[1]
         of_shifts = (np.swapaxes(shifts, 1, 2) @ shifts).reshape(count, -1)
         of_factors = (factors[:, :, None] * factors[:, None]).reshape(count, -1)
         products = (of_shifts.T @ of_factors).reshape(width, width, each, each).transpose(0, 2, 1, 3)
-        information = products.reshape(width * each, -1)[np.ix_(chosen, chosen)]
-        return cls(shifts, factors, chosen, whitening(information, 1e-9))
+        information = products.reshape(width * each, -1)[np.ix_(parameters, parameters)]
+        return cls(shifts, factors, parameters, whitening(information, 1e-9))
 
     def cross(self, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the products (N, r, m) of responses (N, r, C) with changes by nominal parameters, and their turn."""
         each = self.factors.shape[1]
-        used = np.unique(self.chosen // each)
+        used = np.unique(self.parameters // each)
         seen, basis = np.take(turned @ self.shifts, used, axis=2), np.eye(self.shifts.shape[2])[:, used]
         if seen.shape[1] <= 3:  # a sensor sees few combinations of all shifts
             flat = seen.reshape(-1, len(used))
@@ -67,14 +68,14 @@ class Response:
             directions = directions[:, size > 1e-13 * size[-1]]
             seen, basis = seen @ directions, basis @ directions
         products = np.einsum("nrm,nf->nrmf", seen, self.factors).reshape(*seen.shape[:2], -1)
-        of_products = np.kron(basis.T, np.eye(each))[:, self.chosen] @ self.turn
+        of_products = np.kron(basis.T, np.eye(each))[:, self.parameters] @ self.turn
         return products, np.linalg.qr(of_products.T)[1].T
 
     def explained(self, signal: FloatArray, where: "Response") -> FloatArray:
         """Return what nominal parameters that are fitted to a signal (N, C) change in the samples of another one."""
         score = (signal[:, None] @ self.shifts)[:, 0].T @ self.factors
         of_products = np.zeros(score.size)
-        of_products[self.chosen] = self.turn @ (self.turn.T @ score.ravel()[self.chosen])
+        of_products[self.parameters] = self.turn @ (self.turn.T @ score.ravel()[self.parameters])
         of_shifts = self.factors @ of_products.reshape(score.shape).T
         return np.asarray((where.shifts @ of_shifts[:, :, None])[:, :, 0])
 
@@ -230,7 +231,7 @@ class Residual:
         live = self.live & chosen
         if live.sum() == self.live.sum():
             return self
-        seen = Response.of(self.seen.shifts * live[:, None, None], self.seen.factors, self.seen.chosen)
+        seen = Response.of(self.seen.shifts * live[:, None, None], self.seen.factors, self.seen.parameters)
         part = replace(self, seen=seen, live=live)
         return replace(part, z=part.clear(self.z))
 
@@ -253,7 +254,7 @@ def residual_of(model: Model) -> Residual:
     channels = model.base().channels
     covariates = channels.covariates
     index = np.flatnonzero(channels.is_counted)
-    index = index[:: -(-len(index) // 6500)]  # of fewer the laws of fast motion are others
+    index = index[:: -(-len(index) // 6500)]  # in fewer, fast motion is not resolved
     z, response = _channels(channels, index)
     size = np.sqrt(np.mean(np.sum(response[:, :, :-1] ** 2, axis=1)))
     row_T = 1 / float(size)
@@ -266,12 +267,12 @@ def residual_of(model: Model) -> Residual:
     rate = _of_unit_size(rate - unit * (unit * rate).sum(axis=1, keepdims=True))
     matrix = covariates.errors.matrix.reshape(-1, 3)
     factors = np.column_stack([np.ones(len(index)), field_T / unit_T])
-    chosen = np.arange(len(matrix) * factors.shape[1])
+    parameters = np.arange(len(matrix) * factors.shape[1])
     rotation = None if covariates.attitude is None else to_world(covariates)
     if covariates.follows_attitude and covariates.attitude is not None:
         world = turns(covariates.attitude)[index]
         in_rows: FloatArray = matrix @ world
-        chosen = np.append(chosen, (response.shape[2] + np.arange(3)) * factors.shape[1])
+        parameters = np.append(parameters, (response.shape[2] + np.arange(3)) * factors.shape[1])
         response = np.concatenate([response, response[:, :, :-1] @ in_rows], axis=2)
     further = {"temperature": covariates.temperature_C, "current": covariates.current_A, **covariates.further}
     named = {name: values[index] for name, values in further.items() if values is not None}
@@ -281,7 +282,7 @@ def residual_of(model: Model) -> Residual:
         model,
         covariates.time_s[index],
         z,
-        Response.of(response, factors, chosen),
+        Response.of(response, factors, parameters),
         unit,
         rate,
         matrix,
