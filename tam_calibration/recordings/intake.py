@@ -93,8 +93,12 @@ _JUMP = 0.75
 """Of a counter's range: a larger step between readings is an overflow; other steps are below the rest of the range."""
 
 
-_ROUND = 0.3
-"""Least extent of readings, over the axes and in diameters of their sphere, from which this tells the field's size."""
+_ROUND = 0.03
+"""Least variance of readings along any direction, in squares of their sphere's radius, that tells the field's size.
+
+Directions that fill a cone of 66° about an axis have it. A short course, as past a dipole, has a hundredth of it, and
+many spheres fit that.
+"""
 
 
 def is_of_field(stream: str) -> bool:
@@ -266,7 +270,7 @@ def field_size(raw: FloatArray) -> float:
     # The noise of a sensor that lies still fills a ball, in which no radius prevails.
     # The distances from the centre then spread by a quarter of the radius at most.
     is_shell = np.std(np.linalg.norm(points - center, axis=1)) < 0.25 * radius
-    is_sphere = is_shell and np.ptp(points, axis=0).min() >= _ROUND * 2 * radius
+    is_sphere = is_shell and np.linalg.eigvalsh(np.cov(points.T))[0] >= _ROUND * radius**2
     return scale * radius if is_sphere else float(np.median(lengths))
 
 

@@ -11,9 +11,11 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD, FieldBounds
+from tam_calibration.model.units import to_nanotesla
 from tam_calibration.recordings import read_recording
 from tam_calibration.recordings.channel_map import Pick
 from tam_calibration.recordings.intake import Counter, Intake, field_size, likely_unit
+from tam_calibration.sources.dipole import field_alone
 
 SIZES = {"T": 48e-6, "mT": 0.048, "uT": 48.0, "nT": 48_000.0, "G": 0.48, "mG": 480.0}
 """The Earth's field in each unit."""
@@ -52,6 +54,15 @@ def test_no_field_of_the_earth_fits_two_units(intensity_T, unit):
 def test_a_bias_does_not_hide_the_size_of_the_field(bias):
     """Of a sensor that was turned all round the radius counts, not the length of its readings."""
     assert field_size(turned(48_000) + 48_000 * np.array(bias)) == pytest.approx(48_000, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_pass_without_turning_shows_the_length_of_the_field(seed):
+    """Past a dipole the readings are a short course, which many spheres fit: a small one has another unit."""
+    offset = np.column_stack([np.arange(-5.5, 6.5, 0.06), np.full(200, -1.0), np.full(200, 2.5)])
+    field = np.array([19.5e3, 2.4e3, -43.8e3]) + to_nanotesla(field_alone(offset, np.array([20.0, -30.0, 80.0])))
+    readings = field + np.random.default_rng(seed).normal(0, 3, (200, 3))
+    assert field_size(readings) == pytest.approx(np.median(np.linalg.norm(field, axis=1)), rel=1e-3)
 
 
 def test_a_stated_unit_or_size_of_a_count_is_not_questioned():
