@@ -186,12 +186,13 @@ def command(
             from tam_calibration.results.results_json import attributes
 
             delays = {"delays": attributes(found.delays, "delay_s", "standard_error_s")}
+        words = ("correct", recording, "--calibration", output, "-o", "corrected.csv")
         answer.give(
             calibration_to_mapping(found.calibration) | delays,
             f"{found.calibration.quality}.",
             _summary(found.calibration, remarks),
             _tables(found.calibration, remarks),
-            f"tam correct {recording} --calibration {output} -o corrected.csv" if output else "",
+            terminal.next_command(*words) if output else "",
         )
     if found.calibration.quality.grade == "bad":
         raise click.exceptions.Exit(1)

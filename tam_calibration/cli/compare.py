@@ -65,7 +65,7 @@ def command(
             comparison_rows.answer(comparison),
             comparison_rows.summary_blocks(comparison),
             _tables(comparison),
-            comparison_rows.next_words(comparison),
+            "" if comparison.verdict == "same" else comparison_rows.next_words(comparison),
         )
     if mend_path is not None and comparison.mend is None and not answer.is_json:
         say(f"not written: {mend_path}, as nothing was compared")

@@ -87,12 +87,13 @@ def command(
             write_gap_report(places["report"], gap, source)
         used = [] if usage is None else [Text(sentence(str(usage)))]
         effects = ",".join(cause.fitted.effect for cause in gap.causes)
+        words = ("calibrate", recording, "--array", array_path, "--effects", effects, "-o", "calibration.yaml")
         answer.give(
             gap_to_mapping(gap, source),
             " ".join(filter(None, (first_sentence(gap), gap.headline, *gap.remarks[:1]))),
             [*law_blocks(gap, is_short=True), *gap_rows.summary_blocks(gap), *used],
             [*_blocks(gap), *used],
-            f"tam calibrate {recording} --array {array_path} --effects {effects}" if effects else "",
+            terminal.next_command(*words, is_of_part=True) if effects else "",
         )
     raise click.exceptions.Exit(0 if gap.verdict in ("no_gap", "explained") else 1)
 

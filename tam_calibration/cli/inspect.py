@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from tam_calibration.cli.terminal import MOST_ROWS, PATH, Answer, answering, reading, showing_progress
+from tam_calibration.cli.terminal import MOST_ROWS, PATH, Answer, answering, next_command, reading, showing_progress
 from tam_calibration.recordings import read_array, transforms_in
 from tam_calibration.recordings.inspection import Inspection, inspect, inspection_to_mapping
 from tam_calibration.report.blocks import Block, Points, Table, Text
@@ -38,10 +38,11 @@ def command(
             from tam_calibration.report.inspection_report import write_inspection_report
 
             write_inspection_report(places["report"], found)
-        names = " ".join(map(str, recording))
-        settled = f"tam calibrate {names} --array {array_path or 'array.yaml'} -o calibration.yaml"
-        advice = settled if found.is_certain else f"tam inspect {names} --write-map map.yaml"
-        answer.give(inspection_to_mapping(found), headline(found), _blocks(found), advice=advice)
+        words: tuple[object, ...] = ("inspect", *recording, "--write-map", "map.yaml")
+        if found.is_certain and (map_path or len(recording) == 1):
+            words = ("calibrate", recording[0], "--array", array_path or "array.yaml", "-o", "calibration.yaml")
+            words += ("--map", map_path) if map_path else ()
+        answer.give(inspection_to_mapping(found), headline(found), _blocks(found), advice=next_command(*words))
     raise click.exceptions.Exit(0 if found.is_certain else 1)
 
 

@@ -11,7 +11,7 @@ from rich.progress import Progress
 
 from tam_calibration.cli import terminal
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import Answer, answering
+from tam_calibration.cli.terminal import Answer, answering, next_command
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import plan as planning
 from tam_calibration.fit.coverage import ENOUGH_STANDARD_ERROR, describe
@@ -49,7 +49,8 @@ def plan_turns(path: Path, array: Array, vehicle: Vehicle, inclination: float, a
         f"{_percent(before)} to the noise variance of field and tensor."
     )
     content = {"excess_before": before, "turns": [_to_mapping(turn) for turn in turns]}
-    answer.give(content, first, [_table_of(turns[:_MOST_SHOWN])], advice=f"tam calibrate RECORDING --prior {path}")
+    advice = next_command("calibrate", "RECORDING", "--prior", path)
+    answer.give(content, first, [_table_of(turns[:_MOST_SHOWN])], advice=advice)
 
 
 def _read_calibration(path: Path, array: Array) -> Calibration:

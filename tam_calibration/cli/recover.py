@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from tam_calibration.cli.terminal import PATH, Answer, answering
+from tam_calibration.cli.terminal import PATH, Answer, answering, next_command
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
 from tam_calibration.recordings.bag_storages import is_bag
@@ -35,4 +35,4 @@ def command(bag: Path, output: Path, answer: Answer) -> None:
             "ends_s": found.last_ns / 1e9,
             "faults": list(found.faults),
         }
-        answer.give(content, f"{output}: {found}", advice=f"tam inspect {output}")
+        answer.give(content, f"{output}: {found}", advice=next_command("inspect", output))

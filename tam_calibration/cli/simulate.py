@@ -1,6 +1,5 @@
 """`tam simulate`: make a recording of a known array and field."""
 
-import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.linalg import norm
 from rich.console import Console
 
-from tam_calibration.cli.terminal import PATH, Answer, answering, path_option, write_together
+from tam_calibration.cli.terminal import PATH, Answer, answering, next_command, path_option, write_together
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import CHANNELS, Recording, channel_in_words
@@ -188,17 +187,17 @@ def _summary(recording: Recording, intensity_T: FloatArray, rate_hz: float, seed
 
 def _in_words(result: dict[str, Any]) -> tuple[str, list[Block], None, str]:
     """Return what was made in a line, its files, and the command that uses them."""
-    recording, array = (shlex.quote(result[name]) for name in ("recording", "array"))
+    recording, array = result["recording"], result["array"]
     if "mend" in result:
-        source, following = f"{result['mend']}  what was added", f"tam compare {recording} RECORDING --array {array}"
+        source = f"{result['mend']}  what was added"
+        words = ["compare", recording, "RECORDING", "--array", array]
     else:
-        calibration = shlex.quote(str(beside(Path(result["recording"]), "calibration.yaml")))
         source = f"{result['truth']}  their true errors"
-        following = f"tam calibrate {recording} --array {array} -o {calibration}"
+        words = ["calibrate", recording, "--array", array, "-o", str(beside(Path(recording), "calibration.yaml"))]
     channels = f" with {', '.join(result['channels'])}" if result["channels"] else ""
     first = (
         f"{result['samples']} samples of {result['sensors']} sensors{channels} in {result['duration_s']:.6g} s, "
         f"field {result['intensity_nT']:.2f} nT, seed {result['seed']}"
     )
-    described = (f"{result['recording']}  the recording", f"{result['array']}  positions and noise of the sensors")
-    return first, [Points((*described, source))], None, following
+    described = (f"{recording}  the recording", f"{array}  positions and noise of the sensors")
+    return first, [Points((*described, source))], None, next_command(*words)

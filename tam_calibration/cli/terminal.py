@@ -2,6 +2,7 @@
 
 import math
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import Any, Literal
 
 import click
 import numpy as np
+from click.core import ParameterSource
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table as RichTable
@@ -204,6 +206,26 @@ def reading_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(_READING_OPTIONS):
         command = option(command)
     return command
+
+
+def next_command(*words: object, is_of_part: bool = False) -> str:
+    """Return a command for a shell that reads a recording as the running command was asked to.
+
+    Parameters
+    ----------
+    *words : object
+        What is typed after `tam`.
+    is_of_part : bool
+        Whether it reads the same part of the recording.
+    """
+    context = click.get_current_context()
+    kept = {"--map", "--unwrap", "--base-station", "--tolerance-s", *(("--from", "--until") if is_of_part else ())}
+    given = list[object]()
+    for option in context.command.params:
+        name, value = option.opts[0], context.params.get(option.name or "")
+        if name in kept and context.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE:
+            given += [name] if value is True else [name, value]
+    return shlex.join(map(str, ("tam", *words, *given)))
 
 
 FEW = 5

@@ -90,7 +90,8 @@ def test_mistakes_come_first(folder, asked, mistaken):
 def test_the_exit_code_tells_whether_they_are_the_same(folder, asked, comparison, verdict, code):
     """What differs, and what cannot be told, is exit 1; the files are written all the same."""
     asked["answer"] = replace(comparison, verdict=verdict)
-    run("sim.csv", "real.csv", "--json", "compare.json", code=code)
+    told = run("sim.csv", "real.csv", "--json", "compare.json", code=code).stdout
+    assert ("next: " in told) == (verdict != "same")
     assert json.loads((folder / "compare.json").read_text())["verdict"] == verdict
 
 

@@ -42,6 +42,7 @@ def test_a_bag_of_strange_names_is_shown_and_calibrated(folder):
         "sensor 1: /sensor_a/b_field, magnetic_field, by type MagneticField; field ",
         "written: map.yaml",
         "A choice can be made.",
+        "next: tam calibrate bag --array array.yaml -o calibration.yaml --map map.yaml",
     ):
         assert re.search(words, told), (words, told)
     run("calibrate", "bag", "--array", "array.yaml", "--map", "map.yaml", "-o", "c.yaml", "--accept", "residual")

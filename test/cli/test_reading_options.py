@@ -1,8 +1,10 @@
 """How a recording is read, as commands are asked: map, part, overflows and base station."""
 
 import json
+import shlex
 from datetime import UTC, datetime, timedelta
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +168,24 @@ COMMANDS = {
     "compare": ["run.csv", "run.csv", "--array", "array.yaml"],
     "batch": ["run.csv", "--array", "array.yaml", "--out", "out"],
 }
+
+
+def test_the_next_command_reads_what_this_one_read(folder, monkeypatch, gap):
+    """It repeats the options as a shell takes them; those of the part only where it concerns the same part."""
+    Path("run.csv").rename("first run.csv")
+    Path("map.yaml").rename("a map.yaml")
+    monkeypatch.setattr(import_module("tam_calibration.cli.diagnose"), "diagnose", lambda *sides, **how: gap)
+    asked = ["first run.csv", "--array", "array.yaml", "--map", "a map.yaml", "--unwrap", "--tolerance-s", "0.01"]
+    how = "--map 'a map.yaml' --unwrap --tolerance-s 0.01"
+    first, second = (
+        run(name, *asked, *PART, *output).output.splitlines()[-1]
+        for name, output in (("diagnose", []), ("calibrate", ["-o", "c.yaml"]))
+    )
+    assert second == f"next: tam correct 'first run.csv' --calibration c.yaml -o corrected.csv {how}"
+    run(*shlex.split(second)[2:])
+    pairs = set(pairwise(shlex.split(first)))
+    assert pairs >= {("tam", "calibrate"), ("-o", "calibration.yaml"), ("--map", "a map.yaml"), *pairwise(PART)}
+    assert "--unwrap" in first
 
 
 @pytest.mark.parametrize("command", COMMANDS)
