@@ -22,7 +22,7 @@ from tam_calibration.integrity.fault import names_in
 from tam_calibration.messages.samples import Usage
 from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError
-from tam_calibration.model.geomagnetic_field import field_at
+from tam_calibration.model.geomagnetic_field import OF_IGRF, field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
 from tam_calibration.model.units import from_degrees, to_nanotesla
 from tam_calibration.recordings import provenance, read_array, transforms_in
@@ -256,8 +256,9 @@ def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progr
     samples, usage = read_source(path, array, how, terminal.reading(progress))
     if wanted.attitude_noise_deg is not None and samples.whole().attitude is None:
         raise InputError("the recording has no attitude: leave out --attitude-noise-deg")
+    reference = ""
     if wanted.place is not None and not wanted.is_joint:
-        samples = _with_intensity(samples.whole(), wanted.place)
+        samples, reference = _with_intensity(samples.whole(), wanted.place), OF_IGRF
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
     calibration = fit_with_usage(samples, usage, lambda seen: fit(seen, array))
     if is_unexplained(calibration):
@@ -265,7 +266,7 @@ def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progr
 
         going_on = terminal.progress_of(progress, "diagnosing")
         calibration = explained(calibration, samples, array, progress=going_on, accept=wanted.accept)
-    calibration = replace(calibration, source=provenance(path))
+    calibration = replace(calibration, source=provenance(path), reference=reference or calibration.reference)
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
     shown = as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole()
     return Found(calibration, shown, usage, delays)

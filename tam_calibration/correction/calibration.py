@@ -66,7 +66,7 @@ class Calibration:
     covariance : (12 K, 12 K) array, optional
         Of ``errors.to_vector()`` flattened, SI; zero for what is fixed. None if it could not be computed.
     has_scalar_reference : bool
-        Whether the absolute scale comes from a scalar reference.
+        Whether the absolute scale comes from a scalar reference, or from what ``reference`` names.
     intensity_T : float
         Mean intensity of the field of the recording: the reference's, or the fitted constant, tesla.
     before, in_sample, floor : Residuals
@@ -106,6 +106,8 @@ class Calibration:
         Mean temperature of the recording, if recorded.
     update : Update, optional
         How it follows from the prior, if there was one.
+    reference : str
+        What gives the absolute scale in place of a scalar magnetometer, such as IGRF; empty otherwise.
 
     Examples
     --------
@@ -149,6 +151,7 @@ class Calibration:
     accepted: tuple[str, ...] = ()
     temperature_C: float | None = None
     update: Update | None = None
+    reference: str = ""
 
     @property
     def best_residuals(self) -> Residuals:

@@ -29,6 +29,7 @@ from tam_calibration.fit.problem import Known, Place, Posterior, Problem, poster
 from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.geomagnetic_field import OF_IGRF
 from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -86,8 +87,10 @@ def maximum_a_posteriori(recording: SampleSource, array: Array, known: Known) ->
     name, intensity_T = "maximum_a_posteriori", posterior.intensity_T
     calibration = make_calibration(name, recording, noisy, errors, covariance, intensity_T, frame=frame)
     calibration = with_variance_factors(calibration, known.variance_factors)
-    has_scale = calibration.has_scalar_reference or known.knows_scale
-    return replace(calibration, noise_is_estimated=is_estimated, has_scalar_reference=has_scale)
+    if known.knows_scale and not calibration.has_scalar_reference:
+        reference = "the prior's scale" if known.main_field_T is None else OF_IGRF
+        calibration = replace(calibration, has_scalar_reference=True, reference=reference)
+    return replace(calibration, noise_is_estimated=is_estimated)
 
 
 def with_noise(recording: SampleSource, array: Array, known: Known) -> tuple[KnownNoiseArray, Posterior, bool]:

@@ -93,6 +93,9 @@ STRONGEST_FIELD_T = 10e-3
 LOCAL_STANDARD_ERROR_T = 140e-9
 """Of each component of a model of the main field: crust and currents, as the World Magnetic Model states."""
 
+OF_IGRF = f"IGRF at the place, ± {to_nanotesla(LOCAL_STANDARD_ERROR_T):.0f} nT"
+"""Such a field for people."""
+
 LOCAL_VARIANCE_T2 = LOCAL_STANDARD_ERROR_T**2 * np.eye(3)
 """(3, 3) covariance of such a field."""
 

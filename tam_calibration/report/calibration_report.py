@@ -35,8 +35,8 @@ class _View:
         uncorrected = SensorErrors.none(calibration.errors.sensor_count)
         self.before = residual_series(uncorrected, calibration.array, recording, calibration.intensity_T)
         self.after = calibration.residuals(recording)
-        is_measured = calibration.has_scalar_reference
-        self.reference_name = "the scalar reference" if is_measured else "the fitted constant intensity"
+        known = calibration.reference or "the scalar reference"
+        self.reference_name = known if calibration.has_scalar_reference else "the fitted constant intensity"
 
     def panels(self, series: ResidualSeries, color: str) -> dict[str, list[recording_plots.Panel]]:
         """Return the panels of the intensity, nT, and of the tensor where there is one, nT/m, by what they show."""
@@ -198,7 +198,7 @@ def _provenance(calibration: Calibration) -> list[blocks.Block]:
             f"{blocks.fixed(first, 3)} s to {blocks.fixed(last, 3)} s, a span of {blocks.number(last - first, 4)} s",
         ],
         ["mean intensity", f"{blocks.fixed(to_nanotesla(calibration.intensity_T), 1)} nT"],
-        ["reference", "scalar magnetometer" if calibration.has_scalar_reference else "none"],
+        ["reference", calibration.reference or ("scalar magnetometer" if calibration.has_scalar_reference else "none")],
         ["method", calibration.method],
         ["software", f"tam_calibration {__version__}"],
     ]

@@ -100,7 +100,8 @@ def summary_blocks(calibration: Calibration) -> list[Block]:
 
 def _field(calibration: Calibration) -> str:
     intensity = number(to_nanotesla(calibration.intensity_T), 6)
-    reference = "from the scalar reference" if calibration.has_scalar_reference else "fitted, on an unknown scale"
+    known = f"from {calibration.reference or 'the scalar reference'}"
+    reference = known if calibration.has_scalar_reference else "fitted, on an unknown scale"
     seen = f"{count(calibration.samples)} samples; {calibration.coverage:.0%} of the sphere seen"
     return f"Field: {intensity} nT, {reference}; {seen}."
 
@@ -137,7 +138,7 @@ def _noise(calibration: Calibration) -> str:
     noises = [number(to_nanotesla(float(value))) for value in array.vector_noise_T]
     vector = f"{noises[0]} nT for every sensor" if len(set(noises)) == 1 else f"{join(noises)} nT, sensor by sensor"
     scalar = ""
-    if calibration.has_scalar_reference:
+    if calibration.has_scalar_reference and not calibration.reference:
         scalar = f"; of the scalar magnetometer: {number(to_nanotesla(array.scalar_noise_T))} nT"
     origin = "estimated from this recording where it was not" if calibration.noise_is_estimated else "as"
     return f"Noise per axis: {vector}{scalar}; {origin} stated for the array."

@@ -183,6 +183,7 @@ class _Field(schema.Document):
     intensity_nT: schema.Nanotesla
     has_scalar_reference: bool
     coverage_of_sphere: Annotated[float, schema.Bounds(least=0, most=1)]
+    reference: str = ""
     gradient_nT_per_m: schema.NanoteslaTensor | None = None
     gradient_standard_error_nT_per_m: tuple[_StandardErrors, _StandardErrors, _StandardErrors] | None = None
 
@@ -311,7 +312,8 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         noise_is_estimated=stored.array.noise_is_estimated,
         errors=errors,
         covariance=_covariance(stored),
-        has_scalar_reference=stored.field.has_scalar_reference,
+        has_scalar_reference=stored.field.has_scalar_reference or stored.field.reference != "",
+        reference=stored.field.reference,
         intensity_T=from_nanotesla(stored.field.intensity_nT),
         before=_residuals(residuals.before),
         in_sample=_residuals(residuals.in_sample),

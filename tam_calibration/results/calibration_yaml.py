@@ -132,7 +132,8 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         "array": array_to_mapping(calibration.array) | {"noise_is_estimated": calibration.noise_is_estimated},
         "field": {
             "intensity_nT": value_to_write("_nT", calibration.intensity_T),
-            "has_scalar_reference": calibration.has_scalar_reference,
+            "has_scalar_reference": calibration.has_scalar_reference and not calibration.reference,
+            **_without_empty(reference=calibration.reference),
             "coverage_of_sphere": _rounded(calibration.coverage),
             **_gradient(calibration.ambient_gradient),
         },

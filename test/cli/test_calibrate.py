@@ -111,15 +111,20 @@ def test_a_report_is_written(folder, undrawn):
 
 
 def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recording, undiagnosed):
-    """Without a scalar the scale is unknown; with a place it is that of the geomagnetic model."""
+    """Without a scalar the scale is unknown; with a place it is that of IGRF, as words and file say."""
     write_recording("bare.csv", replace(recording, scalar_T=None))
     unknown = json.loads(run("bare.csv", "--array", "array.yaml", "--json", "-").stdout)
     assert not unknown["field"]["has_scalar_reference"]
     known = json.loads(
         run("bare.csv", "--array", "array.yaml", "--json", "-", "--place", "40.1,-105.2,2020-01-01").stdout
     )
-    assert known["field"]["has_scalar_reference"]
+    assert not known["field"]["has_scalar_reference"]
     assert_allclose(known["field"]["intensity_nT"], 51_800, rtol=0.02)
+    assert known["field"]["reference"] == "IGRF at the place, ± 140 nT"
+    told = run("bare.csv", "--array", "array.yaml", "--place", "40.1,-105.2,2020-01-01", "-o", "c.yaml", "-v").stdout
+    assert "nT, from IGRF at the place, ± 140 nT; " in told and "of the scalar magnetometer" not in told
+    again = read_calibration("c.yaml")
+    assert again.has_scalar_reference and again.reference == known["field"]["reference"]
 
 
 def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn, undiagnosed):
