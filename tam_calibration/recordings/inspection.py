@@ -18,13 +18,13 @@ from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import EARTH_FIELD
 from tam_calibration.model.units import TESLA_PER_FIELD_UNIT, FloatArray, to_nanotesla
 from tam_calibration.recordings import oddities
-from tam_calibration.recordings.channel_map import ChannelMap, Pick, TextFormat, TimeColumn, map_to_mapping
+from tam_calibration.recordings.channel_map import ChannelMap, Clock, Pick, TextFormat, TimeColumn, map_to_mapping
 from tam_calibration.recordings.choice import Choice, choose, reason, resolve
 from tam_calibration.recordings.intake import field_size, is_of_field, likely_unit, size_doubt
 from tam_calibration.recordings.joining import Streams
 from tam_calibration.recordings.oddities import Series, read_messages, read_rows, thinned
 from tam_calibration.recordings.recording_file import open_source, rows_of
-from tam_calibration.recordings.row_source import NO_TIME_RATE_HZ, RowSource
+from tam_calibration.recordings.row_source import RowSource
 from tam_calibration.recordings.tables import Columns, MemorySource, Source
 from tam_calibration.recordings.text_source import TextSource
 from tam_calibration.recordings.vectors import attitudes_in, is_magnetic, unit_in, vectors_in
@@ -232,10 +232,10 @@ def _with_unit(pick: Pick, channel: InspectedChannel | None) -> Pick:
     return replace(pick, unit=cast(Any, channel.unit))
 
 
-def _time(source: RowSource) -> TimeColumn:
-    if source.time_column is None:
-        return TimeColumn(rate_hz=source.rate_hz or NO_TIME_RATE_HZ)
+def _time(source: RowSource) -> Clock | TimeColumn:
     column = source.time_column
+    if column is None:
+        return "stamp"
     return TimeColumn(column=int(column) if column.isdigit() else column, format=source.time_unit or "iso8601")
 
 

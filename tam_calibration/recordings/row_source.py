@@ -71,14 +71,14 @@ class RowSource:
                 )
             return time.column, time.format
         named = {name: unit for name in self._columns if (unit := time_unit(name)) is not None}
-        if not named:
-            first = self._columns[0]
-            return (first, "") if not is_own_column(first) and self._is_time(first, first in numeric) else (None, "")
-        name = next(iter(named))
-        return name, time.format or named[name]
+        first = self._columns[0]
+        others = [name for name in self._columns if not is_own_column(name) and (name == first or name not in numeric)]
+        fitting = (name for name in named or others if self._is_time(name, name in numeric))
+        name = next(fitting, next(iter(named), None))
+        return name, "" if name is None else time.format or named.get(name, "")
 
     def _is_time(self, column: str, is_numeric: bool) -> bool:
-        """Whether a column of another name may be the time: it rises from row to row, or contains times of day."""
+        """Whether a column of another name may be the time: it rises from row to row, or has changing times of day."""
         return False
 
     def rows(self, fields: Sequence[str]) -> Iterator[tuple[Sequence[str] | FloatArray | None, FloatArray]]:
@@ -213,8 +213,9 @@ class RowJoining:
         self._missing.require_half()
         if samples is None:
             raise InputError("it contains no sample that lies within --from and --until and has all sensors")
-        if self._missing.counts:
-            usage = Usage(self._whole, self._count, missing=self._missing.sentences())
+        doubts = () if self._array is None else self.streams.other_frames(self._array.mounting)
+        if self._missing.counts or doubts:
+            usage = Usage(self._whole, self._count, missing=self._missing.sentences(), other_frames=doubts)
             return replace(samples, usage=usage)
         return samples
 

@@ -27,6 +27,9 @@ _NAMES = re.compile(
 )
 """Names of columns of time, with their unit."""
 
+_CLOCK = re.compile(r"\d\d:\d\d:\d\d(\.\d+)?")
+"""A time of day without its date."""
+
 _UNITS = {"m": "ms", "u": "us", "µ": "us", "n": "ns", "s": "s"}
 _WORDS = {"millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us", "nanoseconds": "ns"}
 
@@ -120,6 +123,8 @@ def detect_time_unit(values: FloatArray) -> str:
 def stamps_of_words(words: Sequence[str], form: str) -> IntArray:
     """Return the times of day that words state, nanoseconds since 1970; those without a zone are UTC.
 
+    Without a date they count from midnight, and go on past the next.
+
     Parameters
     ----------
     words : sequence of str
@@ -134,6 +139,9 @@ def stamps_of_words(words: Sequence[str], form: str) -> IntArray:
     """
     is_iso = form in ("", "iso8601")
     plain = np.asarray([word.strip().replace(",", ".") for word in words]) if is_iso else np.asarray(words)
+    if is_iso and len(plain) and all(map(_CLOCK.fullmatch, plain.tolist())):
+        of_day = stamps_of_words([f"1970-01-01T{word}" for word in plain.tolist()], form)
+        return np.unwrap(of_day, period=24 * 3600 * PER_SECOND["ns"]).astype(np.int64)
     if is_iso:
         with catch_warnings(), suppress(ValueError, UserWarning, DeprecationWarning):
             simplefilter("error")  # numpy warns of zones, which it does not read

@@ -400,9 +400,9 @@ def test_times_that_go_back_have_to_be_settled(tmp_path):
 
 
 def test_no_time_is_told_and_can_be_stated(tmp_path):
-    """The map has a rate to edit."""
+    """The map has no rate, as none was measured; what is odd tells the line that states it."""
     found = inspect(write_text(tmp_path / "run.csv", columns_of("mag_", turned(48_000))))
-    assert found.is_certain and found.channel_map.time.rate_hz == 1.0
+    assert found.is_certain and found.channel_map.time == "stamp" and "rate_hz" not in found.map_yaml()
     only(found.oddities, "without a time, rows count as 1 s apart")
 
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
 from tam_calibration.recordings import read_recording, text_source
+from tam_calibration.recordings.inspection import inspect
 from tam_calibration.results import write_recording
 
 
@@ -54,6 +55,20 @@ def test_a_recording_reads_back(tmp_path):
     assert list(twice.values()) == list(once.values())
     for name, values in once.values().items():
         assert_array_equal(twice.values()[name], values)
+
+
+@pytest.mark.parametrize("names", [("Datum", "Uhrzeit"), ("Date", "Time")])
+def test_a_clock_beside_a_date_is_the_time(tmp_path, names):
+    """Whatever the columns are called; the map that is written reads the same."""
+    clock = [f"09:15:{row / 20:06.3f}".replace(".", ",") for row in range(40)]
+    rows = [f"12.03.2026;{time};{48_000 + row};20;-300" for row, time in enumerate(clock)]
+    (tmp_path / "run.csv").write_text("\n".join([";".join((*names, "mag_x", "mag_y", "mag_z")), *rows]))
+    found = inspect(tmp_path / "run.csv")
+    (tmp_path / "map.yaml").write_text(found.map_yaml())
+    assert found.tables[0].rate_hz == pytest.approx(20)
+    for channel_map in (None, tmp_path / "map.yaml"):
+        time_s = read_recording(tmp_path / "run.csv", map=channel_map).time_s
+        assert_allclose(time_s, 9.25 * 3600 + np.arange(40) / 20, rtol=0, atol=1e-9)
 
 
 def test_columns_may_have_any_order(read):

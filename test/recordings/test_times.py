@@ -124,6 +124,13 @@ def test_nanoseconds_of_words_are_kept():
     assert stamps_of_words(["2024-05-14T08:30:00.123456789"], "").tolist() == [EPOCH_S * 10**9 + 123_456_789]
 
 
+@pytest.mark.parametrize("form", ["", "iso8601"])
+def test_the_time_of_a_clock_goes_on_after_midnight(form):
+    """Without a date it counts from the first midnight, with decimals behind a comma or a point."""
+    stamps_ns = stamps_of_words(["23:59:59,950", "00:00:00.0", "00:00:00,050"], form)
+    assert_array_equal(stamps_ns - 24 * 3600 * 10**9, [-50_000_000, 0, 50_000_000])
+
+
 @pytest.mark.parametrize("form", ["%d.%m.%Y %H:%M:%S,%f", "%Y/%j %H%M%S.%f", "%m/%d/%y %I:%M:%S.%f %p"])
 def test_a_stated_format_is_followed(form):
     """A pattern of ``strptime``, with or without a zone."""
