@@ -31,8 +31,8 @@ from tam_calibration.model.units import FloatArray
 
 FRAME_STATEMENT = (
     "The array frame is the orthogonal frame of sensor 1: z along its z axis, y in the plane of its y and z axes. "
-    "A uniform field cannot see how that frame is turned against the baselines: of the 12 K parameters the three of "
-    "this common rotation stay unknown and are taken as zero."
+    "A uniform field cannot see how that frame is turned against the baselines: the three angles of this rotation, "
+    "common to all sensors, stay unknown and are taken as zero."
 )
 _SCALE_STATEMENT = (
     "Without a scalar reference the absolute scale is unknown: the determinants of the matrices are given the "

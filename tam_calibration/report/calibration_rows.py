@@ -49,6 +49,8 @@ def parameter_rows(calibration: Calibration) -> list[list[str]]:
     values, standard_errors = calibration.errors.to_vector(), calibration.standard_errors
     rows = []
     for index, name in enumerate(PARAMETER_NAMES):
+        if not (values[:, index].any() or standard_errors[:, index].any()):
+            continue  # of one sensor alone, whose axes are the array's
         kind = ERROR_KINDS[index // 3]
         cells = with_errors(values[:, index] * kind.factor, standard_errors[:, index] * kind.factor, kind.decimals)
         rows.append([f"{name} ({kind.sign})".removesuffix(" ()"), *cells])
@@ -90,10 +92,11 @@ def summary_blocks(calibration: Calibration) -> list[Block]:
     errors = [
         f"{kind.name} {number(kind.factor * float(error), 2)}{kind.sign.replace('nT', ' nT')}"
         for kind, error in zip(ERROR_KINDS, largest, strict=True)
+        if error
     ]
     return [
         Table(["RMS residual", *states], rows),
-        Text(f"Largest standard errors: {join(errors)}."),
+        *([Text(f"Largest standard errors: {join(errors)}.")] if errors else []),
         Text(_field(calibration)),
     ]
 

@@ -7,7 +7,9 @@ from tam_calibration.correction.parts import Provenance
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.report import calibration_report
+from tam_calibration.report.blocks import Text
 from tam_calibration.report.calibration_report import write_calibration_report
+from tam_calibration.report.calibration_rows import summary_blocks
 
 
 @pytest.fixture
@@ -76,6 +78,14 @@ def test_one_sensor_has_no_tensor(make, write, one_sensor, undrawn):
     assert len(page.references) == 4
     assert "nT/m" not in page.text
     assert "nan" not in page.text.lower().split()
+
+
+def test_one_sensor_has_no_misalignment(make, write, one_sensor, undrawn):
+    """Its axes are those of the array: neither page nor words state an angle that is zero by convention."""
+    calibration, recording = make(one_sensor, covariance=np.diag([1e-24] * 9 + [0.0] * 3))
+    words = " ".join(block.text for block in summary_blocks(calibration) if isinstance(block, Text))
+    assert "misalignment x" not in write(calibration, recording).text
+    assert "bias" in words and "misalignment" not in words
 
 
 def test_several_sensors_in_one_place_have_no_tensor(make, write, undrawn):
