@@ -52,7 +52,7 @@ def _blocks(found: Inspection) -> list[Block]:
     for title, clauses in (
         ("Taken:", found.reasons),
         ("Odd:", (*found.oddities[:MOST_ROWS], *more)),
-        ("Not taken:", found.remarks),
+        ("Note:", found.remarks),
         ("To settle in a map:", found.doubts),
     ):
         if clauses:

@@ -50,7 +50,8 @@ class Usage:
     doubled : tuple of str
         Sensors on whose topics two publishers send, a clause for each.
     other_frames : tuple of str
-        Streams whose messages are of another frame than the array file states, a warning for each.
+        A warning of each stream whose messages are of another frame than the array file states, and of an order of
+        sensors that is not certain.
     correlation : tuple of tuple of float
         Of the noise of each sensor that interpolation makes, of values that lie 1 to ``LAGS`` apart.
     """

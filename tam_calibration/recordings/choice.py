@@ -4,6 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 from tam_calibration.messages.missing import in_words
@@ -19,8 +20,8 @@ from tam_calibration.recordings.vectors import Vector, is_bookkeeping, is_magnet
 
 NAMES = {
     "scalar": re.compile(
-        r"scalar|intensity|gesamt|overhauser|total|proton|potassium|ca?esium|absolute"
-        r"|(^|[^a-z])[f](?=$|[^a-z])|(^|[^a-z])b(tot|abs)",
+        r"scalar|intensity|gesamt|overhauser|total|proton|potassium|ca?esium|absolute|\|[bfh]\|"
+        r"|(^|[^a-z])(f|cs|tmi)(?=$|[^a-z])|(^|[^a-z])[bf](tot|abs)|(?-i:[a-z]F(?![A-Za-z]))",
         re.I,
     ),
     "temperature": re.compile(r"temp", re.I),
@@ -182,7 +183,9 @@ class Choice:
     doubts : tuple of str
         Why the choice is not certain, or not enough, each with what to add; empty where it can be made.
     remarks : tuple of str
-        What was not taken although it may be meant.
+        What was not taken although it may be meant, and the order.
+    order : str
+        Why the order of the sensors is not certain; empty where numbers or frames tell it.
     is_own : bool
         Whether its names are those of this package, so that units are as stated.
     """
@@ -190,6 +193,7 @@ class Choice:
     channel_map: ChannelMap | None
     doubts: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    order: str = ""
     is_own: bool = False
 
 
@@ -220,12 +224,17 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     magnetic = [vector for vector in others if is_magnetic(vector)]
     of_frame = [[each for each in magnetic if each.table.frames == (frame,)] for frame in frame_ids or ()]
     sensors = [each[0] for each in of_frame] if all(len(each) == 1 for each in of_frame) else []
-    doubt = ""
+    doubt, is_framed = "", bool(sensors)
     if not sensors:
         sensors, doubt = _rawest(magnetic, sensor_count)
     if not sensors:
         sensors, doubt = _unnamed(source.tables, others, sensor_count)
-    channels, remarks = _channels(source.tables, _scalars(source.tables, candidates, sensors), sensors)
+    scalars, possible = _scalars(source.tables, candidates, sensors)
+    channels, remarks = _channels(source.tables, scalars, sensors)
+    if possible and not scalars:
+        remarks = (*remarks, f"not taken, may be a scalar: {shortened(possible)}")
+    order = "" if is_framed else _order_doubt(sensors)
+    remarks = (order, *remarks) if order else remarks
     processed = [str(vector.pick) for vector in magnetic if sensors and vector.changes > sensors[0].changes]
     if processed:
         listed = shortened(processed, most=4)
@@ -233,7 +242,8 @@ def choose(source: Source, sensor_count: int | None, frame_ids: Sequence[str] | 
     if not sensors:
         present = shortened([_described(table) for table in source.tables]) if source.tables else "nothing"
         return Choice(None, (f"no vector of a magnetic field is recognised among {present}",), remarks)
-    return Choice(ChannelMap(sensors=[each.pick for each in sensors], **channels), (doubt,) if doubt else (), remarks)
+    chosen = ChannelMap(sensors=[each.pick for each in sensors], **channels)
+    return Choice(chosen, (doubt,) if doubt else (), remarks, order)
 
 
 def _unnamed(
@@ -316,22 +326,39 @@ def _in_order(candidates: Sequence[Vector]) -> list[Vector]:
     return sorted(candidates, key=lambda vector: vector.place)
 
 
-def _scalars(tables: Sequence[Table], candidates: Sequence[Vector], sensors: Sequence[Vector]) -> list[Pick]:
-    """Return what may be the readings of a scalar magnetometer."""
+def _order_doubt(sensors: Sequence[Vector]) -> str:
+    """Return why the order of sensors is not certain; empty where numbers or single letters in their names tell it."""
+    named = [f"{vector.table.name} {vector.table.instance} {vector.pattern}" for vector in sensors]
+    numbers = [list(map(int, _NUMBER.findall(name))) for name in named]
+    words = [re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name) for name in named]
+    own = [" ".join(word for word in each if not all(word in other for other in words)) for each in words]
+    if all(one < other for one, other in pairwise(numbers)) or all(len(name) == 1 for name in own):
+        return ""
+    listed = f"sensors 1 to {len(own)} are {', '.join(own)} in alphabetical order"
+    return f"{listed}, as no number in their names tells: confirm it with a map or frame_ids"
+
+
+def _scalars(
+    tables: Sequence[Table], candidates: Sequence[Vector], sensors: Sequence[Vector]
+) -> tuple[list[Pick], list[str]]:
+    """Return what is taken for the readings of a scalar magnetometer, and what else may be."""
     of_sensors = {vector.table.key for vector in sensors}
     of_vectors = {field for vector in candidates for field in vector.fields}
-    picks = [vector.pick for vector in candidates if is_magnetic(vector) and _is_scalar(vector)]
+    picks, others = [vector.pick for vector in candidates if is_magnetic(vector) and _is_scalar(vector)], []
     for table in tables:
         single = [field for field in table.fields if field not in of_vectors and not is_bookkeeping(field)]
-        is_named = len(single) == 1 and NAMES["scalar"].search(table.name) is not None
+        is_named = NAMES["scalar"].search(table.name) is not None
         has_sensor = table.is_text or table.key in of_sensors
         for field in single:
             unit = vectors.unit_in(table, field)
             is_of_field = has_sensor or unit or vectors.MAGNETIC.search(f"{field} {table.name}")
             is_scalar = is_of_field and NAMES["scalar"].search(vectors.UNIT_SUFFIX.sub("", field))
-            if is_named or is_scalar or (has_sensor and _is_last(table, field)):
-                picks.append(vectors.pick_of(table, field, unit=unit))
-    return picks
+            pick = vectors.pick_of(table, field, unit=unit)
+            if (is_named and len(single) == 1) or is_scalar or (has_sensor and _is_last(table, field)):
+                picks.append(pick)
+            elif is_named or unit:
+                others.append(str(pick) if unit else table.title)
+    return picks, list(dict.fromkeys(others))
 
 
 def _is_last(table: Table, field: str) -> bool:

@@ -51,6 +51,8 @@ class Streams:
         Units that a format states, where the size of the field may tell another.
     taken : str
         What was taken for what, for people; empty where that is plain.
+    order : str
+        Why the order of the sensors is not certain; empty where it is.
     """
 
     wanted: Mapping[str, Wanted]
@@ -58,10 +60,11 @@ class Streams:
     clock: Clock
     doubtful: Mapping[str, FieldUnit] = field(default_factory=dict)
     taken: str = ""
+    order: str = ""
 
     def other_frames(self, mounting: Mounting) -> tuple[str, ...]:
-        """Return a warning of each stream whose messages are of another frame than the array file states."""
-        told = []
+        """Return a warning of an order that is not certain, and of each stream of a frame that the array has not."""
+        told = [self.order] if self.order else []
         for stream, stated in samples.expected_frames(mounting).items():
             frames = self.wanted[stream].table.frames if stream in self.wanted else ()
             told += [samples.other_frame(stream, frame, stated) for frame in frames if frame != stated]

@@ -286,7 +286,7 @@ def streams_of(source: Source, reading: Reading, array: Array | None = None) -> 
     InputError
         When it is ambiguous, or the number of sensors is another.
     """
-    channel_map, has_sure_units = reading.channel_map, True
+    channel_map, has_sure_units, order = reading.channel_map, True, ""
     sensor_count = reading.sensor_count if array is None else array.sensor_count
     if channel_map is None:
         choice = choose(source, sensor_count, None if array is None else array.mounting.frame_ids)
@@ -294,14 +294,14 @@ def streams_of(source: Source, reading: Reading, array: Array | None = None) -> 
             raise InputError(
                 f"{'; '.join(choice.doubts)}; `tam inspect {source.path} --write-map map.yaml` writes one to edit"
             )
-        channel_map, has_sure_units = choice.channel_map, choice.is_own
+        channel_map, has_sure_units, order = choice.channel_map, choice.is_own, choice.order
         is_plain = choice.is_own and not choice.remarks
         taken = "" if is_plain else f"taken as {'; '.join((str(channel_map), *choice.remarks))}"
     else:
         taken = f"taken by the map as {channel_map}"
     if sensor_count not in (None, len(channel_map.sensors)):
         raise InputError(f"the recording has {len(channel_map.sensors)} sensors, not {sensor_count}")
-    return replace(resolve(source, channel_map, has_sure_units), taken=taken)
+    return replace(resolve(source, channel_map, has_sure_units), taken=taken, order=order)
 
 
 def tell_taken(source: Source, streams: Streams, intakes: Mapping[str, Intake]) -> None:

@@ -79,6 +79,20 @@ def test_the_first_line_is_the_answer(folder):
     assert yaml.safe_load(Path("c.yaml").read_text())["quality"] == {"grade": "good", "reasons": [], "next": []}
 
 
+def test_an_order_of_the_alphabet_is_doubtful(folder):
+    """Names without a number may be in another order; with a map it is that of the map."""
+    text = Path("run.csv").read_text()
+    for number, name in enumerate(("front", "left", "back", "right"), start=1):
+        text = text.replace(f"b{number}", f"{name}_b")
+    Path("named.csv").write_text(text)
+    told = run("named.csv", "--array", "array.yaml").output
+    first, doubtful = (next(line for line in told.splitlines() if word in line) for word in ("taken", "Doubtful: "))
+    order = "sensors 1 to 4 are back, front, left, right in alphabetical order, as no number in their names tells"
+    assert order in first and order in doubtful
+    tam("inspect", "named.csv", "--array", "array.yaml", "--write-map", "map.yaml")
+    assert "alphabetical" not in run("named.csv", "--array", "array.yaml", "--map", "map.yaml").output
+
+
 def test_a_refusal_is_bad(folder, recording):
     """The first line says so with the reason, exit 1, and nothing is written; programs get it as JSON."""
     readings_T = recording.readings_T.copy()

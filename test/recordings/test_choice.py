@@ -77,9 +77,34 @@ def test_sensors_are_ordered_by_their_numbers(order):
 
 
 def test_sensors_without_numbers_are_ordered_by_the_alphabet():
-    """By their whole names."""
+    """By their whole names; as that is a guess, it is said, unless frames tell the order."""
     names = ["/port/mag", "/bow/mag", "/starboard/mag", "/aft/mag"]
     assert [pick.topic for pick in chosen(topics(*names)).sensors] == sorted(names)
+    (told,) = choose(Held(topics(*names)), None).remarks
+    assert told == (
+        "sensors 1 to 4 are aft, bow, port, starboard in alphabetical order, as no number in their names tells: "
+        "confirm it with a map or frame_ids"
+    )
+    framed = topics(*names, frames=[(name,) for name in names])
+    assert not choose(Held(framed), None, names).remarks
+
+
+@pytest.mark.parametrize(
+    ("patterns", "is_told"),
+    [
+        (["front_b*", "left_b*"], False),
+        (["mag1_rear_*", "mag1_front_*"], False),
+        (["front_1_b*", "left_2_b*"], True),
+        (["left_1_b*", "front_2_b*"], False),
+        (["mag1_rear_*", "mag2_front_*"], True),
+        (["MagA_*", "MagB_*"], True),
+        (["mag*"], True),
+    ],
+)
+def test_numbers_and_letters_tell_an_order(patterns, is_told):
+    """Where they rise in the order that is taken; other names do not, although they have one in the alphabet."""
+    choice = choose(rows("time_s", *vector(*patterns)), len(patterns))
+    assert (choice.order == "") == is_told and choice.remarks == tuple(filter(None, [choice.order]))
 
 
 def test_frames_settle_the_order():
@@ -165,12 +190,24 @@ def test_a_unit_behind_a_name_is_taken(suffix, unit):
 @pytest.mark.parametrize(
     ("name", "is_scalar"),
     [*((name, True) for name in ("F", "scalar", "Overhauser", "total_field", "Btot", "intensity", "Cs absolute")),
-     *((name, False) for name in ("speed", "frame", "flag", "height"))],
+     *((name, True) for name in ("Ftot (nT)", "TMI (nT)", "|B| nT", "MagF (nT)", "Cs1", "tmi_nT")),
+     *((name, False) for name in ("speed", "frame", "flag", "height", "MagFlag", "csv", "CO2_ppm"))],
 )  # fmt: skip
 def test_names_of_a_scalar(name, is_scalar):
     """A single number of such a name."""
     found = chosen(rows("time_s", *vector("mag_*"), name))
-    assert (found.scalar == Pick(column=name)) == is_scalar
+    assert (found.scalar is not None and found.scalar.column == name) == is_scalar
+
+
+def test_what_may_be_a_scalar_is_named():
+    """Another number in a unit of a field, and a topic of such an instrument; where a scalar is taken, none is."""
+    for table in (rows("time_s", *vector("mag_*"), "ppm_nT", "speed"), rows("time_s", *vector("mag_*"), "ppm_nT", "F")):
+        named = ("not taken, may be a scalar: ppm_nT",) if "F" not in table.tables[0].fields else ()
+        assert choose(table, 1).remarks == named
+    ranged = Table("/overhauser/total_field", ("field_of_view", "min_range", "range"), "sensor_msgs/msg/Range")
+    assert choose(Held([*topics("/mag"), ranged]), 1).remarks == (
+        "not taken, may be a scalar: /overhauser/total_field",
+    )
 
 
 def test_a_scalar_topic_and_a_list_with_one_number_more():
