@@ -17,7 +17,6 @@ from tam_calibration.correction.parts import (
     Provenance,
     Update,
 )
-from tam_calibration.effects.library import check_numbers
 from tam_calibration.files import schema
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
@@ -299,9 +298,7 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
     array = stated.to_array()
     if array.sensor_count != errors.sensor_count or array.vector_noise_T is None:
         raise InputError(f"the file is damaged: positions and noise must be those of its {errors.sensor_count} sensors")
-    effects = tuple(effect.to_fitted() for effect in stored.effects)
-    for fitted in effects:
-        check_numbers(fitted, errors, array)
+    effects = tuple(effect.to_fitted(errors, array) for effect in stored.effects)
     residuals = stored.residuals
     for each in (residuals.before, residuals.in_sample, residuals.held_out, residuals.noise_floor):
         if each is not None and len(each.sensor_intensity_nT) != errors.sensor_count:

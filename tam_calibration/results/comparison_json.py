@@ -14,7 +14,7 @@ from tam_calibration.comparison import result
 from tam_calibration.comparison.mend import Mend, NoiseTerm, gazebo_sdf, python_plugin
 from tam_calibration.comparison.side import Figure
 from tam_calibration.correction.parts import Provenance
-from tam_calibration.effects.library import check_numbers, effect_named, units_of
+from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.files.schema import Bounds, Document, Hertz, NanoteslaSize, check_file, in_si, value_to_write
 from tam_calibration.files.text_files import in_file, to_json, write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
@@ -142,9 +142,7 @@ def mend_of(content: dict[str, Any]) -> Mend:
     stored = check_file(content, "mend", SCHEMA, _Mend)
     with in_file("calibration"):
         calibration = calibration_of(stored.calibration)
-    added = tuple(effect.to_fitted() for effect in stored.added)
-    for fitted in added:
-        check_numbers(fitted, calibration.errors, calibration.array)
+    added = tuple(effect.to_fitted(calibration.errors, calibration.array) for effect in stored.added)
     for name in stored.removed:
         effect_named(name)
     noise = tuple(term.to_term() for term in stored.noise)

@@ -6,26 +6,29 @@
         terms:
           - {sensor: 2, axis: x, term: offset, values: {offset: 12 nT/K}}
 
-A value is text with a unit, in which nT, uT and deg may stand for T and rad, or a plain number in SI.
+A value is text with the unit of the effect, in which nT, uT and deg may stand for T and rad, or a plain number in SI.
 """
 
 import re
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from tam_calibration.effects.library import check_numbers, installed_effects, units_of
 from tam_calibration.files.schema import Bounds, Document, value_in_si, value_to_write
 from tam_calibration.messages.missing import HUGE
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.model.sensor_errors import SensorErrors
 
 _AXES = "xyz"
 _SPECIAL = {"scalar": SCALAR, "all": ALL}
-_PLAIN_UNITS = frozenset({"1", "T", "rad", "s", "Hz", "K", "°C", "A", "m"})
 _WRITTEN = {"T": "nT", "rad": "deg"}
 """Units of SI, and what is written for them at the beginning of a unit."""
+_SI = {"nT": "T", "uT": "T", "µT": "T", "deg": "rad"}
 
 _Quantity = Annotated[float, Bounds()] | str
 
@@ -40,10 +43,10 @@ class TermFile(Document):
     standard_errors: dict[str, _Quantity] = field(default_factory=dict)
 
     def to_contribution(self) -> Contribution:
-        """Return it in SI."""
+        """Return it with zeros for its values, the units of which depend on the effect."""
         sensor = _SPECIAL[self.sensor] if isinstance(self.sensor, str) else self.sensor - 1
         axis = None if self.axis is None else _AXES.index(self.axis)
-        return Contribution(sensor, axis, self.term, _in_si(self.values), _in_si(self.standard_errors, 0.0))
+        return Contribution(sensor, axis, self.term, dict.fromkeys(self.values, 0.0))
 
 
 class EffectFile(Document):
@@ -54,16 +57,35 @@ class EffectFile(Document):
     shape_standard_errors: dict[str, _Quantity] = field(default_factory=dict)
     terms: list[TermFile]
 
-    def to_fitted(self) -> FittedEffect:
+    def to_fitted(self, errors: SensorErrors, array: Array) -> FittedEffect:
         """Return it in SI.
+
+        Parameters
+        ----------
+        errors : SensorErrors
+            Of the sensors that it acts on.
+        array : Array
+            Positions of the sensors and of the scalar magnetometer.
 
         Raises
         ------
         InputError
-            When a value is no number with a unit.
+            When there is no such effect, term or value, or a value is no number with its unit.
         """
-        terms = tuple(term.to_contribution() for term in self.terms)
-        return FittedEffect(self.effect, _in_si(self.shape), terms, _in_si(self.shape_standard_errors, 0.0))
+        effect = installed_effects().get(self.effect)
+        if effect is None:
+            raise InputError(f"there is no effect {quoted(self.effect)} here: install its package, or correct its name")
+        units: Mapping[str, str] = getattr(effect, "shape_units", {})
+        shape, shape_errors = _in_si(self.shape, units), _in_si(self.shape_standard_errors, units, 0.0)
+        parts = tuple(term.to_contribution() for term in self.terms)
+        fitted = FittedEffect(self.effect, shape, parts, shape_errors)
+        check_numbers(fitted, errors, array)
+        units = units_of(fitted, errors, array)
+        in_si = (
+            replace(part, values=_in_si(term.values, units), standard_errors=_in_si(term.standard_errors, units, 0.0))
+            for part, term in zip(parts, self.terms, strict=True)
+        )
+        return replace(fitted, contributions=tuple(in_si))
 
 
 def effect_to_mapping(fitted: FittedEffect, units: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -104,15 +126,24 @@ def _quantity(value: float, unit: str | None) -> _Quantity:
     """Return text with a unit for people; the number itself where the unit is not known, or there is none."""
     if unit is None or unit == "1":
         return value
-    first, slash, rest = unit.partition("/")
-    if first in _WRITTEN and not _powers(rest) & _WRITTEN.keys():
-        first = _WRITTEN[first]
-        value = value_to_write(first, value)
-    return f"{value!r} {first}{slash}{rest}"
+    written = _to_people(unit)
+    return f"{value_to_write(re.split(r'[^a-zA-Z]', written)[0], value)!r} {written}"
 
 
-def _in_si(values: Mapping[str, _Quantity], least: float = -HUGE) -> dict[str, float]:
-    numbers = {name: _number(name, value) for name, value in values.items()}
+def _to_people(unit: str) -> str:
+    """Return a unit of SI as files write it, with nT for a T at its beginning, and deg for rad."""
+    return re.sub(r"^(T|rad)(?![\w^])", lambda match: _WRITTEN[match[1]], unit)
+
+
+def _symbols(unit: str) -> tuple[list[str], list[str]]:
+    """Return the symbols above and below the line of a unit, sorted: ["T", "s²"] and ["K"] of "T·s^2/°C"."""
+    plain = re.sub(r"\^(\d)", lambda match: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(match[1])], unit)
+    above, _, below = plain.translate(dict.fromkeys(map(ord, "·*()"), " ")).partition("/")
+    return sorted(above.split()) or ["1"], sorted(below.replace("°C", "K").split())
+
+
+def _in_si(values: Mapping[str, _Quantity], units: Mapping[str, str], least: float = -HUGE) -> dict[str, float]:
+    numbers = {name: _number(name, value, units.get(name)) for name, value in values.items()}
     for name, number in numbers.items():
         if number < least:
             raise InputError(f"{name}: {quoted(values[name])} is less than {least:g} in SI")
@@ -121,25 +152,22 @@ def _in_si(values: Mapping[str, _Quantity], least: float = -HUGE) -> dict[str, f
     return numbers
 
 
-def _number(name: str, value: _Quantity) -> float:
+def _number(name: str, value: _Quantity, unit: str | None) -> float:
+    """Return a value in SI, which must be stated in its unit where that is known, or without any."""
     if not isinstance(value, str):
         return float(value)
-    number, _, unit = value.strip().partition(" ")
+    number, _, written = value.strip().partition(" ")
     try:
         plain = float(number)
     except ValueError:
         plain = np.nan
     if not np.isfinite(plain):
         raise InputError(f"{name}: {quoted(value)} is no number with a unit such as '12 nT/K'")
-    first, _, rest = (unit.strip() or "1").partition("/")
-    unknown = (_powers(first) - {"nT", "uT", "µT", "deg"} | _powers(rest)) - _PLAIN_UNITS
-    if unknown:
-        raise InputError(f"{name}: the unit {quoted(unit)} is not known: write T, nT, uT, rad, deg, s, Hz, K, A and m")
-    if first in ("uT", "µT"):
-        first, plain = "nT", plain * 1e3
-    return float(value_in_si(first, plain))
-
-
-def _powers(product: str) -> set[str]:
-    """Return the units of a product, without their exponents: {"T", "K"} for "T K²"."""
-    return {re.sub(r"[²³⁴⁵]|\^\d+$", "", token) for token in product.replace("·", " ").replace("/", " ").split()}
+    above, below = _symbols(written)
+    if unit is not None and written and (sorted(_SI.get(each, each) for each in above), below) != _symbols(unit):
+        asked = "no unit" if unit == "1" else f"the unit {_to_people(unit)}"
+        raise InputError(f"{name}: {quoted(value)} must have {asked}")
+    for symbol in above:
+        key, plain = ("nT", 1e3 * plain) if symbol in ("uT", "µT") else (symbol, plain)
+        plain = float(value_in_si(key, plain))
+    return plain

@@ -201,7 +201,7 @@ class ScenarioFile(Document):
         array, gradient = self.array.to_array(), self.site_gradient_nT_per_m
         gyroscope = part_of(self.gyroscope) or array.gyroscope
         array = replace(array, gyroscope=gyroscope)
-        return Scenario(
+        scenario = Scenario(
             array=array,
             errors=SensorErrors.none(array.sensor_count) if self.sensors is None else errors_of(self.sensors),
             site_field_T=self._site_field_T(),
@@ -210,11 +210,12 @@ class ScenarioFile(Document):
             rate_hz=self.rate_hz,
             seed=self.seed,
             site_gradient_T_per_m=None if gradient is None else from_nanotesla(np.array(gradient)),
-            effects=tuple(effect.to_fitted() for effect in self.effects),
             further={name: channel.build(folder) for name, channel in self.further_channels.items()},
             gyroscope=None if self.gyroscope is None else gyroscope,
             **{name: part.build(folder) for name in _PARTS if (part := getattr(self, name)) is not None},
         )
+        effects = tuple(effect.to_fitted(scenario.errors, scenario.array) for effect in self.effects)
+        return replace(scenario, effects=effects)
 
     def _site_field_T(self) -> FloatArray:
         stated = [each for each in (self.site, self.place) if each is not None]

@@ -79,7 +79,7 @@ def test_poses_show_nothing(turning, name):
 @pytest.mark.parametrize(
     ("name", "shape", "contribution", "units"),
     [
-        ("crosstalk", LATE, (1, 2, "from x", {"bleed": 2e-4}), {"bleed": "1"}),
+        ("crosstalk", LATE, (1, 2, "from y", {"bleed": 2e-4}), {"bleed": "1"}),
         *(
             ("gain_switching", shape, (1, 2, "gain", {"gain": 2e-4}), {"gain": "1"})
             for shape in (WINDOWS, THRESHOLDS, OF_SENSOR)
@@ -88,8 +88,9 @@ def test_poses_show_nothing(turning, name):
         ("scale_step", BOX, (1, 2, "scale", {"scale": 2e-4}), {"scale": "1"}),
     ],
 )
-def test_effects_survive_a_file(name, shape, contribution, units):
+def test_effects_survive_a_file(turning, name, shape, contribution, units):
     """Read again from what is written, they are the same."""
+    covariates = turning()
     fitted = FittedEffect(name, shape, (Contribution(*contribution),))
     written = effect_to_mapping(fitted, dict(effect_named(name).shape_units) | units)
-    assert check(written, EffectFile).to_fitted() == fitted
+    assert check(written, EffectFile).to_fitted(covariates.errors, covariates.array) == fitted

@@ -1,25 +1,57 @@
 """Effects with numbers in scenario and calibration files."""
 
+import re
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from tam_calibration.effects import library
+from tam_calibration.effects.effect import Coefficient, LinearEffect, Term
 from tam_calibration.files.schema import check
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, SCALAR, Contribution, FittedEffect
+from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.results import effects_schema
 from tam_calibration.results.effects_schema import EffectFile, effect_to_mapping
 
 UNITS = {"offset": "T/K", "scale": "1/K", "angle": "rad", "delay": "s", "square": "T/K²", "inverse": "1/T"}
+COMPOUND = {"rate": "T·s/K", "supply": "T/V²", "field": "T", "level": "°C", "product": "V T/(A s)"}
+UNITS |= COMPOUND
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e6, max_value=1e6)
 
 
+class Any(LinearEffect):
+    """An effect with a value in each unit at all places."""
+
+    name = "e"
+    shape_units: ClassVar = {"delay": "s"}
+
+    def terms(self, covariates, shape):
+        """Return the same term everywhere."""
+        coefficients = tuple(Coefficient(name, unit) for name, unit in UNITS.items())
+        nothing = np.zeros((covariates.sample_count, len(UNITS)))
+        rows = np.zeros(len(UNITS), dtype=int), np.arange(len(UNITS))
+        places = [(sensor, axis) for sensor in (0, 1, 3, SCALAR, ALL) for axis in (None, 0, 2)]
+        return [Term(*place, "t", coefficients, nothing, *rows) for place in places]
+
+
+@pytest.fixture(autouse=True)
+def installed(monkeypatch):
+    """Install that effect alone."""
+    for module in (library, effects_schema):
+        monkeypatch.setattr(module, "installed_effects", lambda: {"e": Any()})
+
+
 def read(text):
     """Return the effect that a text holds."""
-    return check(parse_mapping(text), EffectFile).to_fitted()
+    return check(parse_mapping(text), EffectFile).to_fitted(SensorErrors.none(4), Array(np.eye(4, 3)))
 
 
 def term_with(values):
@@ -71,34 +103,52 @@ def test_files_have_nanotesla_and_degrees():
 @pytest.mark.parametrize(
     ("text", "si"),
     [
-        ("12 nT/K", 12e-9),
-        ("0.5 uT", 5e-7),
-        ("3 T", 3.0),
-        ("180 deg", np.pi),
-        ("1e-3 1/K", 1e-3),
-        ("4", 4.0),
-        ("7.5", 7.5),
+        ("{offset: 12 nT/K}", 12e-9),
+        ("{offset: 12 nT/°C}", 12e-9),
+        ("{field: 0.5 uT}", 5e-7),
+        ("{field: 3 T}", 3.0),
+        ("{angle: 180 deg}", np.pi),
+        ("{scale: 1e-3 1/K}", 1e-3),
+        ('{field: "4"}', 4.0),
+        ("{field: 7.5}", 7.5),
+        *((f"{{rate: 2000 {unit}}}", 2e-6) for unit in ("nT·s/K", "nT s/K", "s*nT / K", "nT·s/°C")),
+        ("{rate: 2e-6 T s/K}", 2e-6),
+        ("{supply: 80 nT/V²}", 8e-8),
+        ("{supply: 80 nT/V^2}", 8e-8),
+        ("{product: 3 nT·V/s·A}", 3e-9),
+        ("{level: 20 °C}", 20.0),
     ],
 )
 def test_units_are_converted(text, si):
-    """Text with a unit becomes SI."""
-    assert_allclose(read(term_with(f"{{a: {text}}}")).contributions[0].values["a"], si, rtol=1e-15)
+    """Text with the unit becomes SI, however its product is written."""
+    (value,) = read(term_with(text)).contributions[0].values.values()
+    assert_allclose(value, si, rtol=1e-15)
 
 
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ("{a: 12 nT/F}", "a: the unit 'nT/F' is not known: write T, nT"),
-        ("{a: 12 1/nT}", "the unit '1/nT' is not known"),
-        ("{a: much}", "a: 'much' is no number with a unit such as '12 nT/K'"),
-        ("{a: nan nT}", "'nan nT' is no number"),
-        ("{a: .inf}", "terms.1.values.a"),
+        ("{offset: 12 nT/F}", "offset: '12 nT/F' must have the unit nT/K"),
+        ("{offset: 1.5 nT}", "offset: '1.5 nT' must have the unit nT/K"),
+        ("{supply: 80 m}", "supply: '80 m' must have the unit nT/V²"),
+        ("{rate: 2 nT/K}", "rate: '2 nT/K' must have the unit nT·s/K"),
+        ("{level: 20 K}", "level: '20 K' must have the unit °C"),
+        ("{inverse: 12 1/nT}", "'12 1/nT' must have the unit 1/T"),
+        ("{offset: much}", "offset: 'much' is no number with a unit such as '12 nT/K'"),
+        ("{field: nan nT}", "'nan nT' is no number"),
+        ("{field: .inf}", "terms.1.values.field"),
     ],
 )
 def test_wrong_values_are_named(values, sentence):
-    """A value without number or with an unknown unit is told with its name."""
-    with pytest.raises(InputError, match=sentence):
+    """A value without number or with another unit than the effect's is told with its name."""
+    with pytest.raises(InputError, match=re.escape(sentence)):
         read(term_with(values))
+
+
+def test_an_effect_of_no_installed_package_is_told():
+    """Whoever reads a file of another machine learns what to install."""
+    with pytest.raises(InputError, match="there is no effect 'supply' here: install its package"):
+        read("effect: supply\nterms: []\n")
 
 
 @pytest.mark.parametrize(
