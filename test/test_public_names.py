@@ -80,7 +80,7 @@ def test_docstrings_are_complete(name):
 def test_examples_give_what_they_say(name, tmp_path, monkeypatch):
     """Each is complete in itself and may write files; the figure that one saves is drawn by that of the README."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path: None)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **options: None)
     for example in doctest.DocTestFinder(recurse=False).find(Validator._load_obj(name), name, globs={}):
         said = []
         doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(example, out=said.append)

@@ -312,26 +312,43 @@ def make_plan(
     samples_per_pose: int,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Plan:
-    """Choose poses among candidates.
+    """Choose poses among candidates, as ``tam plan`` does.
 
     They are taken one by one so that the sum of the squared standard errors falls most, then exchanged one by one as
     long as that sum, and after it the largest of them, falls (Fedorov's exchange); all in units of the noise.
 
     Parameters
     ----------
-    start : Start
-        What is known before.
+    start : PlanStart
+        What is known before: from ``start_from_nothing``, ``start_from_recording`` or ``start_from_calibration``.
     field_T : (C, 3) array
-        Fields in the array frame at the attitudes that can be reached, tesla.
+        Fields in the array frame at the attitudes that can be reached, tesla: as ``reach_of_turntable`` and
+        ``reach_of_vehicle`` return their directions.
     pose_count, samples_per_pose : int
         How many poses, and samples at each.
     progress : callable
         Called with the number of poses found.
 
+    Returns
+    -------
+    Plan
+        Numbers of the candidates, and the standard errors that they promise.
+
     Raises
     ------
     Refused
         When parameters stay open; it names them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tam_calibration import make_plan, read_scenario
+    >>> from tam_calibration.fit.plan import reach_of_vehicle, start_from_nothing
+    >>> start = start_from_nothing(read_scenario("wu_table_1").array, 50e-6)
+    >>> reach = reach_of_vehicle(np.pi / 2, np.pi, inclination=np.radians(65))
+    >>> plan = make_plan(start, 50e-6 * reach.directions, 16, 100)
+    >>> reach.angles[plan.poses].shape  # yaw, pitch and roll of each pose, radians
+    (16, 3)
     """
     search = _PoseSearch(start.model, start.information, np.sqrt(samples_per_pose) * start.model.rows(field_T))
     chosen: list[int] = []

@@ -274,20 +274,25 @@ def require_separate_folder(out: Path, inputs: Iterable[Path]) -> None:
 
 
 def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, progress: Progress) -> list[Result]:
-    """Finish a batch, write its summaries, and return all results in the order of the summaries.
+    """Finish a batch, as ``tam batch`` does: each recording calibrated, diagnosed and corrected, and all summed up.
 
     Parameters
     ----------
     recordings : list of Path
-        Absolute.
+        Absolute, as ``find_recordings`` returns them.
     out : Path
         Folder of the results, which is made where there is none.
     options : Options
-        What is asked for every recording.
+        What is asked for every recording, from ``read_options``.
     run : callable
-        Does the tasks.
+        Does the tasks: ``run_here`` in processes of this machine, ``run_on_cluster`` on others.
     progress : callable
         Called with what is done, and of how much.
+
+    Returns
+    -------
+    list of Result
+        In the order of the summaries.
 
     Raises
     ------
@@ -295,6 +300,23 @@ def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, pro
         When the folder cannot be written.
     Refused
         When another batch is writing into the folder.
+
+    Examples
+    --------
+    >>> from functools import partial
+    >>> from pathlib import Path
+    >>> from tam_calibration import read_scenario, run_batch, simulate
+    >>> from tam_calibration.fleet.batch import find_recordings, run_here
+    >>> from tam_calibration.fleet.task import read_options
+    >>> from tam_calibration.recordings.channel_map import AS_IT_IS
+    >>> from tam_calibration.results import write_recording
+    >>> write_recording(Path("dive_1.csv"), simulate(read_scenario("wu_table_1")).recording)
+    >>> _ = Path("array.yaml").write_text("{baseline_m: 0.5, vector_noise_nT: 1.0, scalar_noise_nT: 0.1}")
+    >>> out, options = Path("out"), read_options(Path("array.yaml"), None, AS_IT_IS)
+    >>> paths = find_recordings(["*.csv"], without=out)
+    >>> results = run_batch(paths, out, options, partial(run_here, jobs=1), progress=lambda done, total: None)
+    >>> [(result.recording, result.status) for result in results]
+    [('dive_1.csv', 'done')]
     """
     with _owning(out):
         tasks = [Task.of(path, out, options) for path in recordings]

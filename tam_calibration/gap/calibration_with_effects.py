@@ -64,7 +64,7 @@ def calibrate_with_effects(
     array : Array
         Geometry and noise.
     effects : collection of str
-        Names of effects, or ``_AUTO`` alone for those that a diagnosis finds.
+        Names of effects, or "auto" alone for those that a diagnosis finds.
     accept : collection of str
         Names of findings that shall refuse nothing: ``tam_calibration.integrity.ACCEPTABLE``.
 
@@ -80,6 +80,14 @@ def calibrate_with_effects(
         When the recording cannot be used, an effect is not known or lacks a channel.
     Refused
         When the recording cannot show an effect, or shows none of it, or its channels are not those of sound sensors.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate_with_effects, read_scenario, simulate
+    >>> made = simulate(read_scenario("warming_up"))
+    >>> calibration = calibrate_with_effects(made.recording, made.scenario.array, ["auto"])
+    >>> [fitted.effect.replace("_", " ") for fitted in calibration.effects]
+    ['temperature drift']
     """
     for name in set(effects) - {_AUTO}:
         effect_named(name)

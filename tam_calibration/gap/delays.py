@@ -53,6 +53,16 @@ def estimate_delays(recording: Recording, array: Array) -> Delays:
         When there is one sensor only, or the array was not turned continuously.
     Refused
         When the readings are of no calibration, or the delays do not settle.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from tam_calibration import calibrate, estimate_delays, read_scenario, simulate
+    >>> made = simulate(read_scenario("tumble_100_hz"))
+    >>> delays = estimate_delays(made.recording, made.scenario.array)
+    >>> bool((abs(delays.delay_s) < 1e-3).all())
+    True
+    >>> calibration = calibrate(made.recording, replace(made.scenario.array, delay_s=delays.delay_s))
     """
     if recording.sensor_count == 1:
         raise InputError("delays are those of further sensors after sensor 1: the array has one sensor only")

@@ -226,6 +226,13 @@ def site_field_T(latitude_deg: float, longitude_deg: float, height_m: float, day
     ------
     InputError
         When a coordinate or the day lies outside its bounds.
+
+    Examples
+    --------
+    >>> from datetime import date
+    >>> from tam_calibration import site_field_T
+    >>> (site_field_T(48.1, 11.6, 520.0, date(2026, 7, 1)) * 1e6).round(1)  # east, north, up, µT
+    array([  1.6,  21.1, -44. ])
     """
     if not -90 <= latitude_deg <= 90:
         raise InputError(f"the latitude must lie between -90 and 90 degrees, not at {latitude_deg}")

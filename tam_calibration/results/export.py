@@ -263,12 +263,20 @@ def export(calibration: Calibration, target: str) -> Export:
     calibration : Calibration
         Of K sensors.
     target : str
-        A name in `CONSUMERS`.
+        A name in `CONSUMERS`, such as "px4" or "json".
 
     Returns
     -------
     Export
         One text, or one for each sensor.
+
+    Examples
+    --------
+    >>> from tam_calibration import calibrate, export, read_scenario, simulate
+    >>> made = simulate(read_scenario("wu_table_1"))
+    >>> exported = export(calibrate(made.recording, made.scenario.array), "c")
+    >>> len(exported.texts), exported.losses
+    (1, ())
     """
     consumer = CONSUMERS[target]
     losses = list(_effects(calibration))
