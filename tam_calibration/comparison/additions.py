@@ -32,7 +32,7 @@ from tam_calibration.effects.single_samples import samples_in
 from tam_calibration.effects.term import rows_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
-from tam_calibration.model.recording import BLOCK, Recording, channel_in_words
+from tam_calibration.model.recording import BLOCK, Recording, channel_in_words, is_further
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 from tam_calibration.simulation.observe import add_effects, with_rows
@@ -412,7 +412,7 @@ def _check(mend: Mend, recording: Recording) -> None:
         raise InputError(f"the simulation has {recording.sensor_count} sensors, and the mend is of {count}")
     for fitted in mend.added:
         effect = effect_named(fitted.effect)
-        if isinstance(effect, LinearEffect) and (further := effect.needs(fitted)[len(effect.channels) :]):
+        if further := [name for name in effect.needs(fitted) if is_further(name) or name not in effect.channels]:
             raise InputError(
                 f"{fitted.effect} follows {further[0]}, which samples of a simulator do not have: leave it out"
             )

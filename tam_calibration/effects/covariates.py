@@ -13,12 +13,20 @@ from numpy.typing import NDArray
 from tam_calibration.effects.grades import NOTABLE
 from tam_calibration.effects.recursions import Memory
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 LEAST_TURN = 0.1
 """Least root mean square rotation of the array, or of the vertical in it, rad: noise of attitudes is smaller."""
+
+
+class _Further(dict[str, FloatArray]):
+    """Further channels by name; it says in a sentence that one is not there."""
+
+    def __missing__(self, name: str) -> FloatArray:
+        raise InputError(f"there is no channel {quoted(name)}: an effect that follows it must name it in its channels")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +66,10 @@ class Covariates:
     follows_attitude: bool = False
     further: Mapping[str, FloatArray] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Make a further channel that is missing a sentence."""
+        object.__setattr__(self, "further", _Further(self.further))
+
     @classmethod
     def of(cls, recording: Recording, field_T: FloatArray, errors: SensorErrors, array: Array) -> "Covariates":
         """Return the covariates of the samples of a recording, beside a field (N, 3) in the array frame, tesla."""
@@ -80,8 +92,9 @@ class Covariates:
         return 3 * self.sensor_count
 
     def channel(self, name: str) -> FloatArray:
-        """Return a channel (N, ...) that is recorded, by the name of its field."""
-        return np.asarray(getattr(self, name))
+        """Return a channel (N, ...) that is recorded, by its name, a further one too."""
+        value = getattr(self, name, None)
+        return self.further[name] if value is None else np.asarray(value)
 
     @cached_property
     def sensed_T(self) -> FloatArray:

@@ -102,7 +102,7 @@ class Effect(ABC):
     physics : str
         One or two sentences: what happens, and the source.
     channels : tuple of str
-        Names of the fields of ``Recording`` that it needs.
+        Names of the channels of ``Recording`` that it needs, further ones such as ``actuator_rudder`` among them.
     excitation : str
         What a recording must do to make it visible.
     told_of_samples : str
@@ -176,6 +176,16 @@ class Effect(ABC):
                 if limit is not None and (name not in largest or abs(value) > abs(largest[name].value)):
                     largest[name] = Sized(name, value, limit)
         return list(largest.values())
+
+    def needs(self, fitted: FittedEffect) -> tuple[str, ...]:
+        """Return the names of the channels that tell what a fitted effect adds; by default those of the class.
+
+        Parameters
+        ----------
+        fitted : FittedEffect
+            With its numbers.
+        """
+        return self.channels
 
     def obstacle(self, covariates: Covariates) -> str | None:
         """Return why a recording that has the channels cannot show this effect, in one clause; None where it can."""
@@ -267,16 +277,6 @@ class LinearEffect(Effect):
             intensity_T = float(np.sqrt(np.mean(covariates.intensity_T**2)))
             return [*sizes, Sized("part of the field", size / intensity_T, self.largest_signal)]
         return [*sizes, Sized("size", size, self.largest_signal)]
-
-    def needs(self, fitted: FittedEffect) -> tuple[str, ...]:
-        """Return the names of the channels that tell what a fitted effect adds; by default those of the class.
-
-        Parameters
-        ----------
-        fitted : FittedEffect
-            With its numbers.
-        """
-        return self.channels
 
     def is_within(self, other: str) -> bool:
         """Whether the effect of another name explains all, or nearly all, that this one does."""

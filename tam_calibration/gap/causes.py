@@ -25,7 +25,7 @@ from tam_calibration.gap.result import Cause, Considered, Gap, Size, Verdict, Wh
 from tam_calibration.gap.steps import LEAST_EVIDENCE, Search, Step
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect
-from tam_calibration.model.recording import Recording
+from tam_calibration.model.recording import Recording, is_further
 from tam_calibration.model.units import FloatArray
 
 
@@ -99,10 +99,11 @@ def is_drift(effect: str, recording: Recording) -> bool:
     recording : Recording
         Of N samples, with the channels of the effect.
     """
+    channels = effect_named(effect).channels
     courses = [
-        getattr(recording, name) for name in ("temperature_C", "current_A") if name in effect_named(effect).channels
+        recording.channel(name) for name in channels if name in ("temperature_C", "current_A") or is_further(name)
     ]
-    return any(abs(_rank_correlation(course)) > NEARLY_ALL for course in courses)
+    return any(course is not None and abs(_rank_correlation(course)) > NEARLY_ALL for course in courses)
 
 
 def _rank_correlation(course: FloatArray) -> float:

@@ -74,7 +74,7 @@ def unusable(effect: Effect, recording: Recording, covariates: Covariates) -> Co
         Of the recording at the nominal calibration.
     """
     for channel in effect.channels:
-        if getattr(recording, channel, None) is None:
+        if recording.channel(channel) is None:
             why = f"needs the {words_of(channel)} channel, which is not recorded"
             return Considered(effect.name, "channel_missing", why)
     obstacle = effect.obstacle(covariates)

@@ -176,10 +176,9 @@ def _check(effect: Effect, fitted: FittedEffect, covariates: Covariates) -> None
     for channel, key in _CHANNELS.items():
         if channel in effect.channels and getattr(covariates, channel) is None:
             raise InputError(f"the effect {effect.name} follows the {key}: add {key} to the scenario")
-    if isinstance(effect, LinearEffect):
-        for name in filter(is_further, effect.needs(fitted)):
-            if name not in covariates.further:
-                raise InputError(f"the effect {effect.name} follows {name}: add it to further_channels")
+    for name in filter(is_further, effect.needs(fitted)):
+        if name not in covariates.further:
+            raise InputError(f"the effect {effect.name} follows {name}: add it to further_channels")
     for part in fitted.contributions:
         if part.sensor >= covariates.sensor_count:
             raise InputError(
