@@ -223,16 +223,27 @@ def _run_quietly(main: click.Command, arguments: list[str]) -> str:
 @click.option("--failures", is_flag=True, help="List the cases that went wrong, key against answer, one in a line.")
 @json_option
 def score(folder: Path, keys_path: Path | None, failures: bool, json_path: Path | None) -> None:
-    """Open the keys of DIR, compare them with their commitments, and count the right answers."""
+    """Open the keys of DIR, compare them with their commitments, and count the right answers.
+
+    A case without an answer counts as one that was answered wrongly.
+    """
+    from tam_calibration.effects.library import installed_effects
     from tam_calibration.files.text_files import to_json
     from tam_validation.blind.folder import COMMITMENTS, KEYS, TIMES, read_keys, read_outcomes, read_times
+    from tam_validation.blind.outcome import Outcome
     from tam_validation.blind.score import Score
     from tam_validation.blind.score_table import print_score, score_to_mapping
 
     keys = read_keys(folder, keys_path)
-    result = Score(read_outcomes(folder, keys, "answer.json"), read_outcomes(folder, keys, "answer_without.json"))
-    if not result.outcomes:
+    given, without = (
+        read_outcomes(folder, keys, name, installed_effects()) for name in ("answer.json", "answer_without.json")
+    )
+    if not given:
         raise Refused(f"no case in {folder} has an answer: run tam blind answer {folder} first")
+    missing = keys.keys() - {one.name for one in given}
+    if missing:
+        say(f"warning: {len(missing)} of {len(keys)} cases have no answer and count as wrong", err=True)
+    result = Score([*given, *(Outcome(name, keys[name], {"verdict": "error"}) for name in sorted(missing))], without)
     times = read_times(folder)
     inputs = [keys_path or folder / KEYS, folder / COMMITMENTS, folder / TIMES, *(folder / name for name in keys)]
     content = to_json(score_to_mapping(result, times))

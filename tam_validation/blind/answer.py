@@ -1,7 +1,7 @@
 """What a score reads of the answer to a case: a part of what ``tam diagnose --json`` writes."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Answer:
 
     may_hold_more: ClassVar = True
 
-    verdict: str
+    verdict: Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable", "error"]
     causes: list[_Cause] | None = None
     probabilities: dict[str, float | None] | None = None
     where: _Place | None = None

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import secrets
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tam_calibration.files.text_files import in_file, read_text, write_text
 from tam_calibration.model.exceptions import InputError, Refused, quoted
 from tam_validation.blind.answer import Answer
 from tam_validation.blind.case import Case
+from tam_validation.blind.catalogue import CATALOGUE
 from tam_validation.blind.outcome import Outcome
 
 
@@ -130,20 +132,36 @@ def read_keys(folder: Path, path: Path | None) -> dict[str, dict[str, Any]]:
     return keys
 
 
-def read_outcomes(folder: Path, keys: dict[str, dict[str, Any]], answer: str) -> list[Outcome]:
+def read_outcomes(
+    folder: Path, keys: dict[str, dict[str, Any]], answer: str, others: Collection[str] = ()
+) -> list[Outcome]:
     """Return keys and answers of the cases that were answered.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the cases.
+    keys : dict
+        By the names of the cases.
+    answer : str
+        Name of the file in the folder of each case.
+    others : collection of str
+        Effects that an answer may name beside those of the catalogue.
 
     Raises
     ------
     InputError
-        When an answer is none of ``tam diagnose``.
+        When an answer is none of ``tam diagnose``, or names an effect that there is not.
     """
     paths = {name: folder / name / answer for name in keys}
-    return [_read_outcome(name, keys[name], path) for name, path in paths.items() if path.exists()]
+    known = {*CATALOGUE, *others}
+    return [_read_outcome(name, keys[name], path, known) for name, path in paths.items() if path.exists()]
 
 
-def _read_outcome(name: str, key: dict[str, Any], path: Path) -> Outcome:
+def _read_outcome(name: str, key: dict[str, Any], path: Path, known: Collection[str]) -> Outcome:
     answer = read_json(path)
     with in_file(path):
-        check(answer, Answer)
+        for cause in check(answer, Answer).causes or ():
+            if cause.effect not in known:
+                raise InputError(f"there is no effect {quoted(cause.effect)}: name {', '.join(sorted(known))}")
     return Outcome(name, key, answer)

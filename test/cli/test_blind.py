@@ -1,6 +1,7 @@
 """The command `tam blind`."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -113,6 +114,8 @@ ANSWERS = [
     '{"verdict": "no_gap", "gap": {"before": "x"}}',
     '{"verdict": "no_gap", "probabilities": [1]}',
     '{"verdict": "no_gap", "where": {"sensors": 1}}',
+    '{"verdict": "clean"}',
+    '{"verdict": "explained", "causes": [{"effect": "nonsense"}]}',
 ]
 
 
@@ -125,6 +128,30 @@ def test_what_is_no_answer_is_one_sentence(cases, content):
     result = run("score", cases)
     assert result.exit_code == 2, result.output
     assert result.stderr.startswith(f"tam: {path}") and len(result.stderr.splitlines()) == 1
+
+
+def test_what_is_allowed_is_told(cases):
+    """Verdicts and effects that there are not are refused with those that there are."""
+    answer_all(cases, "clean")
+    assert "verdict: input should be 'no_gap' or 'explained'" in run("score", cases).stderr
+    answer_all(cases, "explained")
+    (cases / "case_0001" / "answer.json").write_text('{"verdict": "explained", "causes": [{"effect": "nonsense"}]}')
+    assert "there is no effect 'nonsense': name ambient_gradient, bias_jump" in run("score", cases).stderr
+
+
+def test_a_missing_answer_counts_as_wrong(cases, tmp_path):
+    """A case that is left out does not make the score better, and the number of them is told."""
+    answer_all(cases, "unexplained")
+    assert run("score", cases, "--json", tmp_path / "all.json").stderr == ""
+    (cases / "case_0002" / "answer.json").unlink()
+    result = run("score", cases, "--json", tmp_path / "three.json", "--failures")
+    assert "warning: 1 of 4 cases have no answer and count as wrong" in result.stderr
+    assert re.search(r"^case_0002 .* → error", result.stdout, re.MULTILINE)
+    counts = [
+        {(one["name"], one["size"]): one["cases"] for one in json.loads((tmp_path / name).read_text())["figures"]}
+        for name in ("all.json", "three.json")
+    ]
+    assert counts[1].items() >= {key: n for key, n in counts[0].items() if key[0].startswith("first cause")}.items()
 
 
 @pytest.mark.parametrize("name", ["keys.json", "commitments.json", "answer_times_s.json"])
