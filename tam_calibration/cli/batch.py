@@ -34,8 +34,7 @@ def _blocks(results: Sequence[Result]) -> list[Block]:
 
 def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
     settled = f"{sum(result.is_settled for result in results)} of {len(results)} recordings are settled"
-    verb = "is" if len(points) == 1 else "are"
-    return f"{settled}; {len(points)} {verb} open: {points[0]}" if points else f"{settled}."
+    return f"{settled}; the first of the others: {points[0]}" if points else f"{settled}."
 
 
 @click.command()

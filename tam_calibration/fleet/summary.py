@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tam_calibration.files.text_files import to_json, write_set
+from tam_calibration.fit.prior import has_date
 from tam_calibration.fleet.task import ANSWERS, Result
 from tam_calibration.model.data_sheet import DAY_S
 from tam_calibration.model.units import ERROR_KINDS, ErrorKind, FloatArray
@@ -213,7 +214,7 @@ def law_points(results: Sequence[Result]) -> list[str]:
 
 
 def _occurrences(results: Sequence[Result]) -> str:
-    begins = [result.time_span_s[0] for result in results if result.time_span_s]
+    begins = [result.time_span_s[0] for result in results if result.time_span_s and has_date(result.time_span_s[0])]
     since = f", since {datetime.fromtimestamp(min(begins), UTC):%Y-%m-%d}" if begins else ""
     return f"{len(results)} recording{'s' * (len(results) > 1)}{since}"
 

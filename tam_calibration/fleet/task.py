@@ -336,19 +336,19 @@ def _in_short(content: dict[str, Any]) -> dict[str, Any]:
 
 
 _COURSES = {
-    "step": "that steps",
-    "episodes": "that comes and goes",
-    "slow": "that drifts",
-    "random": "that changes at random",
-    "motion": "that goes with the motion",
-    "constant": "that stays the same",
+    "step": "stepping",
+    "episodes": "coming and going",
+    "slow": "drifting",
+    "random": "changing at random",
+    "motion": "going with the motion",
+    "constant": "staying the same",
 }
 """Courses in words; of the others the channel or the tone is named."""
 
 
 def _law_in_short(law: dict[str, Any]) -> str:
     """Return a law as it may come again in other recordings: place, what it does, and its course."""
-    course = _COURSES.get(law["course"], f"that follows {law['follows']}")
+    course = _COURSES.get(law["course"], f"following {law['follows']}")
     return f"{sensors_in_words(law['sensors'])}: {law['law'].replace('_', ' ')} {course}"
 
 

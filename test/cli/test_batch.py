@@ -86,7 +86,9 @@ run = partial(tam, "batch", "--array", "array.yaml", "-o", "out")
 def test_the_first_line_is_the_answer(folder, asked):
     """How many are settled, and the first that is not; few lines follow."""
     first, *others = run("missions/**", code=1).stdout.splitlines()
-    assert first.startswith("4 of 5 recordings are settled; 1 is open: auv_2/damaged.mcap: failed; read: ")
+    assert first.startswith(
+        "4 of 5 recordings are settled; the first of the others: auv_2/damaged.mcap: failed; read: "
+    )
     assert len(others) < 20 and others[-1] == "written: out/summary.json"
     assert run("missions/**", "--quiet", code=1).stdout == f"{first}\n"
 
