@@ -9,6 +9,8 @@ from tam_calibration.correction.parts import KnownSource, Moved, Update, in_word
 from tam_calibration.effects.library import units_of
 from tam_calibration.model.array import OUTPUT_NAMES, TENSOR_OUTPUTS
 from tam_calibration.model.data_sheet import DAY_S
+from tam_calibration.model.exceptions import sensors_in_words
+from tam_calibration.model.fitted_effect import ALL, SCALAR, FittedEffect
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, Residuals, orientation_to_axes
 from tam_calibration.model.units import ERROR_KINDS, to_degrees, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text, count, join, number, ratio, with_error, with_errors
@@ -94,11 +96,20 @@ def summary_blocks(calibration: Calibration) -> list[Block]:
         for kind, error in zip(ERROR_KINDS, largest, strict=True)
         if error
     ]
+    effects = [f"{one.effect} in {_sensors(one, calibration.errors.sensor_count)}" for one in calibration.effects]
     return [
+        *([Text(f"Effects fitted too: {'; '.join(effects)}.")] if effects else []),
         Table(["RMS residual", *states], rows),
         *([Text(f"Largest standard errors: {join(errors)}.")] if errors else []),
         Text(_field(calibration)),
     ]
+
+
+def _sensors(fitted: FittedEffect, count: int) -> str:
+    """Return in words where an effect acts on an array of some sensors."""
+    found = {one.sensor for one in fitted.contributions}
+    numbers = range(count) if ALL in found else sorted(found - {SCALAR})
+    return sensors_in_words([*(number + 1 for number in numbers), *["scalar"] * (SCALAR in found)], count)
 
 
 def _field(calibration: Calibration) -> str:

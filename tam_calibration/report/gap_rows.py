@@ -243,9 +243,8 @@ def law_sentence(law: Signature, sensor_count: int, is_caused: bool = False) -> 
     is_caused : bool
         Whether a cause of the gap was found, which may go with a channel.
     """
-    words = (
-        f"{_place(law, sensor_count)}: {_DOES[law.law]}{_size(law)}{_course(law)}, {percent(law.energy)} of the gap."
-    )
+    does = _DOES[law.law].replace("its", "their") if len(law.sensors) > 1 and not law.is_common else _DOES[law.law]
+    words = f"{_place(law, sensor_count)}: {does}{_size(law)}{_course(law)}, {percent(law.energy)} of the gap."
     if not is_caused and law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
         words += " No recorded channel goes with it."
     others = "" if law.is_common else in_words(law.places[1:], sensor_count, False)

@@ -45,7 +45,8 @@ def test_a_drift_is_found_kept_taken_off_and_shown_by_the_twin(folder, drifting,
     assert gap["verdict"] == "explained"
     assert [cause["effect"] for cause in gap["causes"]] == ["temperature_drift"]
 
-    run("calibrate", "run.csv", "--array", "array.yaml", "--effects", "auto", "-o", "c.yaml", "--report", "c.html")
+    words = ("run.csv", "--array", "array.yaml", "--effects", "auto", "-o", "c.yaml", "--report", "c.html")
+    assert "Effects fitted too: temperature_drift in sensor 2." in run("calibrate", *words).stdout
     assert [fitted.effect for fitted in read_calibration("c.yaml").effects] == ["temperature_drift"]
     assert "temperature_drift" in (folder / "c.html").read_text()
 

@@ -33,6 +33,10 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
             law("attitude", "motion", ("scalar",), (), places=(("scalar",), (1, 2, 3, 4))),
             "The scalar, or the field at all sensors alike: its error is a function of direction, 93 % of the gap.",
         ),
+        (
+            law("gain", "constant", (1, 2, 3, 4), ("x", "y", "z")),
+            "All sensors: their gain, or what leaks into it, changes, the same throughout, 93 % of the gap.",
+        ),
         (law("noise", "random"), "Sensor 3, axis z: its noise is larger, 93 % of the gap."),
         (law("noise", "episodes"), "Sensor 3, axis z: its noise is larger in episodes, 93 % of the gap."),
         (
@@ -41,8 +45,8 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
         ),
         (
             law("rate", "constant", (1, 2)),
-            "Sensors 1 and 2, axis z: its error goes with the field's rate of change, the same throughout, 93 % of the "
-            "gap.",
+            "Sensors 1 and 2, axis z: their error goes with the field's rate of change, the same throughout, 93 % of "
+            "the gap.",
         ),
     ],
 )
