@@ -182,9 +182,7 @@ def counts_of(results: Sequence[Result]) -> dict[str, int]:
     verdicts = Counter(result.verdict for result in results if result.verdict)
     return {
         "recordings": len(results),
-        "done": status["done"],
-        "refused": status["refused"],
-        "failed": status["failed"],
+        **{name: status[name] for name in ("done", "refused", "failed")},
         "no gap": verdicts["no_gap"],
         "explained": verdicts["explained"],
         "open": sum(times for verdict, times in verdicts.items() if verdict not in ANSWERS),

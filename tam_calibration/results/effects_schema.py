@@ -29,6 +29,7 @@ _SPECIAL = {"scalar": SCALAR, "all": ALL}
 _WRITTEN = {"T": "nT", "rad": "deg"}
 """Units of SI, and what is written for them at the beginning of a unit."""
 _SI = {"nT": "T", "uT": "T", "µT": "T", "deg": "rad"}
+"""Units that may be written in the place of those of SI."""
 
 _Quantity = Annotated[float, Bounds()] | str
 
@@ -42,11 +43,13 @@ class TermFile(Document):
     values: dict[str, _Quantity]
     standard_errors: dict[str, _Quantity] = field(default_factory=dict)
 
-    def to_contribution(self) -> Contribution:
-        """Return it with zeros for its values, the units of which depend on the effect."""
+    def to_contribution(self, units: Mapping[str, str]) -> Contribution:
+        """Return it in SI; the unit of a value that has none in the mapping is not checked."""
         sensor = _SPECIAL[self.sensor] if isinstance(self.sensor, str) else self.sensor - 1
         axis = None if self.axis is None else _AXES.index(self.axis)
-        return Contribution(sensor, axis, self.term, dict.fromkeys(self.values, 0.0))
+        return Contribution(
+            sensor, axis, self.term, _in_si(self.values, units), _in_si(self.standard_errors, units, 0.0)
+        )
 
 
 class EffectFile(Document):
@@ -77,15 +80,11 @@ class EffectFile(Document):
             raise InputError(f"there is no effect {quoted(self.effect)} here: install its package, or correct its name")
         units: Mapping[str, str] = getattr(effect, "shape_units", {})
         shape, shape_errors = _in_si(self.shape, units), _in_si(self.shape_standard_errors, units, 0.0)
-        parts = tuple(term.to_contribution() for term in self.terms)
-        fitted = FittedEffect(self.effect, shape, parts, shape_errors)
+        # Only an effect with its shape and terms tells the units of their values.
+        fitted = FittedEffect(self.effect, shape, tuple(term.to_contribution({}) for term in self.terms), shape_errors)
         check_numbers(fitted, errors, array)
         units = units_of(fitted, errors, array)
-        in_si = (
-            replace(part, values=_in_si(term.values, units), standard_errors=_in_si(term.standard_errors, units, 0.0))
-            for part, term in zip(parts, self.terms, strict=True)
-        )
-        return replace(fitted, contributions=tuple(in_si))
+        return replace(fitted, contributions=tuple(term.to_contribution(units) for term in self.terms))
 
 
 def effect_to_mapping(fitted: FittedEffect, units: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -145,10 +144,8 @@ def _symbols(unit: str) -> tuple[list[str], list[str]]:
 def _in_si(values: Mapping[str, _Quantity], units: Mapping[str, str], least: float = -HUGE) -> dict[str, float]:
     numbers = {name: _number(name, value, units.get(name)) for name, value in values.items()}
     for name, number in numbers.items():
-        if number < least:
-            raise InputError(f"{name}: {quoted(values[name])} is less than {least:g} in SI")
-        if abs(number) > HUGE:
-            raise InputError(f"{name}: {quoted(values[name])} is more than {HUGE:g} in SI: check the unit")
+        if not least <= number <= HUGE:
+            raise InputError(f"{name}: {quoted(values[name])} is not {least:g} to {HUGE:g} in SI: check the unit")
     return numbers
 
 
