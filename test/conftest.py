@@ -177,7 +177,7 @@ def undrawn(monkeypatch):
 @pytest.fixture
 def undiagnosed(monkeypatch):
     """Leave out the diagnosis of a residual that a calibration leaves, where the calibration alone is looked at."""
-    monkeypatch.setattr("tam_calibration.cli.calibrate.is_unexplained", lambda calibration: False)
+    monkeypatch.setattr("tam_calibration.fit.consistency.is_unexplained", lambda sentences: False)
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.parts import AmbientGradientEstimate
 from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.fit.consistency import is_unexplained
+from tam_calibration.fit.consistency import naming_causes
 from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.integrity.fault import names_in
 from tam_calibration.messages.samples import Usage
@@ -260,12 +260,14 @@ def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progr
     if wanted.place is not None and not wanted.is_joint:
         samples, reference = _with_intensity(samples.whole(), wanted.place), OF_IGRF
     progress.add_task(f"fitting {samples.sample_count} samples", total=None)
-    calibration = fit_with_usage(samples, usage, lambda seen: fit(seen, array))
-    if is_unexplained(calibration):
+
+    def explain(sentences: Sequence[str]) -> tuple[str, ...]:
         from tam_calibration.gap.calibration_with_effects import explained  # takes as long to load as a calibration
 
         going_on = terminal.progress_of(progress, "diagnosing")
-        calibration = explained(calibration, samples, array, progress=going_on, accept=wanted.accept)
+        return explained(sentences, samples, array, progress=going_on, accept=wanted.accept)
+
+    calibration = naming_causes(lambda: fit_with_usage(samples, usage, lambda seen: fit(seen, array)), explain)
     calibration = replace(calibration, source=provenance(path), reference=reference or calibration.reference)
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
     shown = as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole()

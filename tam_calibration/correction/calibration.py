@@ -171,6 +171,12 @@ class Calibration:
         return quality_for(grade, self.warnings, f"{headline}{origin}{scale}")
 
     @property
+    def channels(self) -> dict[str, str]:
+        """The two kinds of ``reduced_chi_square`` in words."""
+        intensity = "reference" if self.has_scalar_reference else "fitted"
+        return {"differential": "between the sensors", "common_mode": f"against the {intensity} intensity"}
+
+    @property
     def statements(self) -> tuple[str, ...]:
         """Sentences on the frame and on what the data could not determine."""
         scale = () if self.has_scalar_reference else (_SCALE_STATEMENT,)
@@ -435,10 +441,11 @@ class Calibration:
         recording.check_units(self.array.field)
         if not effects:
             return recording
-        return without_rows(recording, added_to(recording, effects, self.errors, self.array))
+        rows_T = added_to(recording, effects, self.errors, self.array)
+        return without_rows(recording, rows_T, None if self.has_scalar_reference else self.errors)
 
 
-def without_rows(recording: Recording, rows_T: FloatArray) -> Recording:
+def without_rows(recording: Recording, rows_T: FloatArray, errors: SensorErrors | None = None) -> Recording:
     """Return a recording less what effects add to it.
 
     Parameters
@@ -447,7 +454,13 @@ def without_rows(recording: Recording, rows_T: FloatArray) -> Recording:
         Of K sensors.
     rows_T : (N, 3 K + 1) array
         What is added to the axes of all sensors and to the scalar, tesla.
+    errors : SensorErrors, optional
+        Of an array without a scalar: what is added to a constant intensity is then what the field itself lacks.
     """
     readings = recording.readings_T - rows_T[:, :-1].reshape(recording.readings_T.shape)
-    scalar = None if recording.scalar_T is None else recording.scalar_T - rows_T[:, -1]
-    return replace(recording, readings_T=readings, scalar_T=scalar)
+    if recording.scalar_T is not None:
+        return replace(recording, readings_T=readings, scalar_T=recording.scalar_T - rows_T[:, -1])
+    if errors is not None:
+        lacking = rows_T[:, -1:] / np.linalg.norm(errors.restore(readings), axis=2)
+        readings += lacking[:, :, None] * (readings - errors.bias_T)
+    return replace(recording, readings_T=readings)

@@ -4,8 +4,8 @@ Of a recording of more than ``SKETCH`` samples every n-th one is looked at.
 Each doubt says what is wrong and, behind the last colon, what to do.
 """
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import norm
@@ -26,6 +26,9 @@ from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to
 SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
 """What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
 
+PARTS_APART, LEAVE_OUT = "calibrate the parts apart", "leave that time out"
+"""What to do about a change within a recording, as long as no diagnosis finds an effect that explains it."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
@@ -45,7 +48,7 @@ class _Parts:
     def require_steady(self, residual_T: float) -> None:
         """Refuse a residual that changes and exceeds a size."""
         if self.exceeds(residual_T):
-            raise Refused(f"the recording is not one calibration: {self.sentence()}; calibrate the parts apart")
+            raise Refused(f"the recording is not one calibration: {self.sentence()}: {PARTS_APART}")
 
     def sentence(self) -> str:
         loud, quiet = int(self.residual_T.argmax()), int(self.residual_T.argmin())
@@ -118,7 +121,7 @@ def residual_that_changes(recording: SampleSource, calibration: Calibration) -> 
     # Part of the intensity, half a nanotesla: what is less, no calibration is asked for.
     if not parts.exceeds(1e-5 * calibration.intensity_T):
         return ""
-    return f"{parts.sentence()}: leave that time out with --from and --until"
+    return f"{parts.sentence()}: {LEAVE_OUT} with --from and --until"
 
 
 def _residual_in_parts(recording: SampleSource, calibration: Calibration) -> _Parts:
@@ -203,12 +206,35 @@ def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, .
     return tuple(filter(None, found))
 
 
-_CHANNELS = {"differential": "between the sensors", "common_mode": "against the reference intensity"}
+def naming_causes(fit: Callable[[], Calibration], explained: Callable[[Sequence[str]], tuple[str, ...]]) -> Calibration:
+    """Return the calibration of a fit; its doubts, or its refusal, name the cause where a diagnosis may find one.
+
+    Parameters
+    ----------
+    fit : callable
+        Makes the calibration. Effects that it fits are known causes.
+    explained : callable
+        From sentences to the same with the cause.
+
+    Raises
+    ------
+    InputError, Refused
+        As the fit.
+    """
+    try:
+        calibration = fit()
+    except Refused as problem:
+        if not is_unexplained([str(problem)]):
+            raise
+        raise Refused(*explained([str(problem)])) from problem
+    if calibration.effects or not is_unexplained(calibration.warnings):
+        return calibration
+    return replace(calibration, warnings=explained(calibration.warnings))
 
 
-def is_unexplained(calibration: Calibration) -> bool:
-    """Whether a residual is doubted whose cause a diagnosis may find: effects that were fitted are known causes."""
-    return not calibration.effects and any(LOOK_FOR_CAUSE in warning for warning in calibration.warnings)
+def is_unexplained(sentences: Iterable[str]) -> bool:
+    """Whether a sentence is of a residual, or a change, whose cause a diagnosis may find."""
+    return any(words in one for one in sentences for words in (LOOK_FOR_CAUSE, PARTS_APART, LEAVE_OUT))
 
 
 def _residual(calibration: Calibration) -> str:
@@ -221,7 +247,9 @@ def _residual(calibration: Calibration) -> str:
     if calibration.array.has_gradient:
         ratios["the tensor"] = residuals.tensor_rmse_T_per_m / floor.tensor_rmse_T_per_m
     chi_square = calibration.reduced_chi_square
-    ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in _CHANNELS.items() if name in chi_square}
+    ratios |= {
+        words: float(np.sqrt(chi_square[name])) for name, words in calibration.channels.items() if name in chi_square
+    }
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
     # Residuals that a doubt names, the largest first.
     worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
@@ -244,13 +272,13 @@ def _residual(calibration: Calibration) -> str:
 def _small_residual(calibration: Calibration) -> str:
     """Say where less than half of the stated noise is left, six standard deviations of χ² below that."""
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
-    chi_square = calibration.reduced_chi_square
+    chi_square, channels = calibration.reduced_chi_square, calibration.channels
     # Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make.
-    small = {name: chi_square[name] for name in _CHANNELS if chi_square.get(name, 1.0) < min(0.25, 1 - chance)}
+    small = {name: chi_square[name] for name in channels if chi_square.get(name, 1.0) < min(0.25, 1 - chance)}
     if not small:
         return ""
     ratio = float(np.sqrt(max(small.values())))
-    words = " and ".join(_CHANNELS[name] for name in small)
+    words = " and ".join(channels[name] for name in small)
     return (
         f"the residual {words} is only {ratio:.2g} times the stated noise, so standard errors are {1 / ratio:.2g} "
         "times too large: state less noise, or leave it out to have it estimated"

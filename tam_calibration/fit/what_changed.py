@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.noise import WHITE
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.change_within import Span, find_change, steady_intensity
+from tam_calibration.fit.consistency import LEAVE_OUT, PARTS_APART
 from tam_calibration.fit.ellipsoid import normalize, sphere_center
 from tam_calibration.fit.maximum_likelihood import estimate, principal_form
 from tam_calibration.model.array import Array, KnownNoiseArray
@@ -452,7 +453,7 @@ def _in_words(span: Span, words: str) -> tuple[str, str]:
     """Say what is otherwise within a span, and what to do."""
     first, last = _times(span)
     when = f"between {first} and {last} s" if last else f"from {first} s on"
-    return f"{words} {when}", f"calibrate the parts apart (--until {first}, --from {last or first})"
+    return f"{words} {when}", f"{PARTS_APART} (--until {first}, --from {last or first})"
 
 
 def _failing_in_words(span: Span, words: str, is_inside: bool) -> tuple[str, str]:
@@ -463,7 +464,7 @@ def _failing_in_words(span: Span, words: str, is_inside: bool) -> tuple[str, str
     else:
         when = f"{words} but for the time between {first} and {last} s" if last else f"{words} until {first} s"
         options = f"--from {first}{f' --until {last}' if last else ''}"
-    return when, f"leave that time out ({options})"
+    return when, f"{LEAVE_OUT} ({options})"
 
 
 def _times(span: Span) -> tuple[str, str]:

@@ -13,9 +13,9 @@ from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named, installed_effects, shown_by
-from tam_calibration.effects.removal import linear_effect, on_sensors
+from tam_calibration.effects.removal import linear_effect, removable
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.consistency import LOOK_FOR_CAUSE, SOMETHING_MAGNETIC
+from tam_calibration.fit.consistency import LEAVE_OUT, LOOK_FOR_CAUSE, PARTS_APART, SOMETHING_MAGNETIC
 from tam_calibration.fit.estimate import make_calibration
 from tam_calibration.fit.identifiability import refuse_open, require_determined
 from tam_calibration.gap.conclude import conclude
@@ -214,7 +214,7 @@ def _is_kept(fitted: FittedEffect, model: Model) -> bool:
 
 def _in_data(kept: Sequence[FittedEffect], stays: Sequence[FittedEffect]) -> Iterator[str]:
     """Yield warnings of the effects that corrected data contain: those of the calibration, and others."""
-    not_removable = [fitted for fitted in kept if on_sensors(fitted) is None]
+    not_removable = [fitted for fitted in kept if not removable([fitted])]
     for effects, why in ((not_removable, _FOR_SIMULATIONS), (stays, _BY_ATTITUDE)):
         if effects:
             names = dict.fromkeys(fitted.effect.replace("_", " ") for fitted in effects)
@@ -243,31 +243,34 @@ def _free(part: Part, model: Model) -> tuple[str, ...]:
 
 
 def explained(
-    calibration: Calibration,
+    sentences: Sequence[str],
     samples: SampleSource,
     array: Array,
     *,
     progress: Progress | None = None,
     accept: Collection[str] = (),
-) -> Calibration:
-    """Return a calibration whose doubt about its residual names the cause, as far as a diagnosis finds one.
+) -> tuple[str, ...]:
+    """Return doubts about a calibration, or its refusal, with the cause that a diagnosis finds, its cure first.
 
     Parameters
     ----------
-    calibration : Calibration
-        As ``is_unexplained`` finds it.
+    sentences : sequence of str
+        As ``is_unexplained`` finds them.
     samples : SampleSource
-        That it was made from; of more than 10 000 every n-th one is looked at, which takes some seconds.
+        That were calibrated; of more than 10 000 every n-th one is looked at, which takes some seconds.
     array, progress, accept
         As of ``diagnose``.
     """
     with suppress(InputError, Refused):
         # The user did not ask for this diagnosis: so many samples take some seconds.
         gap = diagnose(samples.thinned(10_000), array, progress=progress, accept=accept)
-        kept = [one for one in calibration.warnings if not gap.causes or SOMETHING_MAGNETIC not in one]
-        found = _in_words(gap)
-        return replace(calibration, warnings=tuple(one.replace(f": {LOOK_FOR_CAUSE}", found) for one in kept))
-    return calibration
+        asking, words = [one for one in sentences if LOOK_FOR_CAUSE in one], _in_words(gap)
+        guesses = (SOMETHING_MAGNETIC, PARTS_APART, LEAVE_OUT) if gap.verdict == "explained" else ()
+        told = [one for one in sentences if one in asking or not (asking and any(guess in one for guess in guesses))]
+        for end in (f": {guess}" for guess in (LOOK_FOR_CAUSE, *guesses)):
+            told = [one.partition(end)[0] + words if end in one else one for one in told]
+        return tuple(sorted(told, key=lambda one: words not in one))
+    return tuple(sentences)
 
 
 def _in_words(gap: Gap) -> str:

@@ -411,7 +411,7 @@ class Model:
             require_channels(recording, effects)
             covariates = self.channels().covariates
             added = np.sum([linear_effect(fitted).signal(covariates, fitted) for fitted in effects], axis=0)
-        return without_rows(recording, added)
+        return without_rows(recording, added, self.errors)
 
     def quiet(self) -> Recording:
         """Return the recording without what its accepted effects add to it."""

@@ -15,7 +15,7 @@ from tam_calibration.comparison.result import Comparison
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
-from tam_calibration.fit.consistency import is_unexplained
+from tam_calibration.fit.consistency import naming_causes
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.calibration_with_effects import explained
 from tam_calibration.gap.result import Gap
@@ -191,10 +191,10 @@ class Calibrator(TamNode):
             prior=self._prior(),
         )
         samples = usage.with_each_reading_once(self._store.recording())
-        calibration = fit_with_usage(samples, usage, fit)
-        if is_unexplained(calibration):
-            names = names_in(self.value("accept"))
-            calibration = explained(calibration, samples, self._array, progress=self._go_on, accept=names)
+        explain = partial(
+            explained, samples=samples, array=self._array, progress=self._go_on, accept=names_in(self.value("accept"))
+        )
+        calibration = naming_causes(lambda: fit_with_usage(samples, usage, fit), explain)
         self._live.begin(calibration)
         self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)

@@ -75,14 +75,6 @@ def _residual_figures(residuals: Residuals) -> dict[str, float]:
     return {name: to_nanotesla(float(value)) for name, value in figures.items()}
 
 
-_CHANNELS = {
-    "differential": "between the sensors",
-    "common_mode": "against the reference intensity",
-    "slow_differential": "between the sensors in sums over many samples",
-    "slow_common_mode": "against the reference intensity in sums over many samples",
-}
-
-
 def summary_blocks(calibration: Calibration) -> list[Block]:
     """Return the residuals of the worst sensor, centre and tensor, and the largest standard errors, in a few lines."""
     states = {"before": calibration.before, "after": calibration.best_residuals, "noise floor": calibration.floor}
@@ -143,7 +135,10 @@ def _residuals(calibration: Calibration) -> Table:
 def _chi_square(calibration: Calibration) -> str:
     if not calibration.reduced_chi_square:
         return "There is no redundancy, hence no reduced χ²."
-    values = [f"{number(value)} {_CHANNELS.get(name, name)}" for name, value in calibration.reduced_chi_square.items()]
+    values = []
+    for name, value in calibration.reduced_chi_square.items():
+        many = " in sums over many samples" if name.startswith("slow_") else ""
+        values.append(f"{number(value)} {calibration.channels[name.removeprefix('slow_')]}{many}")
     return f"Reduced χ²: {join(values)}; it is 1 for noise alone."
 
 

@@ -1,6 +1,7 @@
 """A calibration fitted together with effects finds the truth of both, with errors that hold what is not known."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 from tam_calibration.fit import calibrate
-from tam_calibration.fit.consistency import is_unexplained
+from tam_calibration.fit.consistency import is_unexplained, naming_causes
 from tam_calibration.gap.calibration_with_effects import IN_WORLD, calibrate_with_effects, explained
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -247,8 +248,8 @@ def reasons_of(turning, readings_T):
     """Return the reasons to doubt a calibration of readings, with their causes."""
     recording, array = replace(turning.recording, readings_T=readings_T), turning.scenario.array
     calibration = calibrate(recording, array)
-    assert is_unexplained(calibration)
-    return explained(calibration, recording, array).quality
+    assert is_unexplained(calibration.warnings)
+    return replace(calibration, warnings=explained(calibration.warnings, recording, array)).quality
 
 
 def test_a_tone_is_named_with_the_command_that_takes_it_off(turning):
@@ -275,3 +276,43 @@ def test_what_no_effect_explains_is_said(turning):
     readings_T[:, 2, 1] += 30e-9 * course
     quality = reasons_of(turning, readings_T)
     assert quality.grade == "doubtful" and "explains" in quality.reasons[0] and "tam diagnose" not in quality.next
+
+
+def named(recording, array):
+    """Return the calibration whose doubts or refusal name their cause."""
+    return naming_causes(lambda: calibrate(recording, array), partial(explained, samples=recording, array=array))
+
+
+def test_a_field_that_drifts_is_no_doubt_where_the_drift_is_fitted(turning):
+    """Without a scalar the first reason is the cure that works: a change of the field is none of the gains."""
+    course = np.sin(3 * turning.recording.time_s / turning.recording.time_s[-1]) ** 2
+    field_T = turning.recording.readings_T - turning.errors.bias_T
+    drifting_T = turning.recording.readings_T + 2e-4 * course[:, None, None] * field_T
+    recording, array = replace(turning.recording, readings_T=drifting_T, scalar_T=None), turning.scenario.array
+    quality = named(recording, array).quality
+    assert quality.next[0] == "fit that too, with --effects geomagnetic_drift"
+    assert "against the fitted intensity" in quality.reasons[0]
+    found = calibrate_with_effects(recording, array, ["geomagnetic_drift"])
+    assert found.quality.grade == "good", found.quality
+    assert found.reduced_chi_square["common_mode"] == pytest.approx(1, abs=0.25)
+    assert found.residuals(recording).center_intensity_T.std() == pytest.approx(found.in_sample.center_intensity_T)
+
+
+@pytest.mark.parametrize(("size_T", "is_refused"), [(1.3e-9, True), (0.7e-9, False)])
+def test_a_change_that_an_effect_explains_is_told_with_its_command(size_T, is_refused):
+    """A bias that drifts with a recorded temperature is no change between two parts, which would drift too."""
+    made = simulate(replace(scenario(), effects=()))
+    generator, time_s = np.random.default_rng(3), made.recording.time_s
+    rise_K = time_s / 25.0 + 1.5 * np.sin(2 * np.pi * time_s / 93.0)
+    readings_T = made.recording.readings_T.copy()
+    readings_T[:, 1] += size_T * np.outer(rise_K, [1.0, -0.6, 0.0])
+    temperature_C = 20.0 + rise_K + 0.02 * generator.normal(size=len(rise_K))
+    recording, array = replace(made.recording, readings_T=readings_T, temperature_C=temperature_C), made.scenario.array
+    if is_refused:
+        with pytest.raises(Refused) as refusal:
+            named(recording, array)
+        told = str(refusal.value)
+    else:
+        told = named(recording, array).quality.reasons[0]
+    assert told.endswith("; temperature drift in sensor 2 explains it: fit that too, with --effects temperature_drift")
+    assert calibrate_with_effects(recording, array, ["temperature_drift"]).quality.grade == "good"
