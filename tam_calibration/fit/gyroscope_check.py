@@ -127,8 +127,8 @@ class GyroscopeFit(MotionFit):
         return inverted(self.everything.information, self.basis)
 
     @property
-    def turned(self) -> str:
-        """How the gyroscope is turned against sensor 1, in a sentence; empty where it is not.
+    def turned(self) -> tuple[str, str]:
+        """How the gyroscope is turned against sensor 1: a note, or a doubt where it is far; empty where it is not.
 
         Left-handed sensors read the reversed field of sensors that are turned by 180°, and a gyroscope does not tell
         which way the field points.
@@ -139,14 +139,16 @@ class GyroscopeFit(MotionFit):
         angle, errors = float(norm(turn)), np.sqrt(np.diag(self.covariance))[-self.state.size :][self.state.turn]
         # from_degrees(2.0): turn from which it is worth a note.
         if angle <= max(FAR * float(norm(errors)), from_degrees(2.0)):
-            return ""
+            return "", ""
+        told = f"the gyroscope is turned by {float(f'{to_degrees(angle):.2g}'):g}° against sensor 1, which is estimated"
+        # How far a sensor is mounted askew at most.
+        askew = from_degrees(15.0)
+        if angle < askew:
+            return told, ""
         axis = int(np.argmax(np.abs(turn)))
-        # from_degrees(15.0): how far a sensor is mounted askew at most.
-        is_half = float(norm(np.abs(turn) - np.pi * np.eye(3)[axis])) < from_degrees(15.0)
-        reversed_axis = f", or axis {'xyz'[axis]} of all sensors is reversed, which are left-handed then" * is_half
-        return (
-            f"the gyroscope is turned by {to_degrees(angle):.2g}° against sensor 1, which is estimated{reversed_axis}"
-        )
+        if float(norm(np.abs(turn) - np.pi * np.eye(3)[axis])) < askew:
+            told += f", or axis {'xyz'[axis]} of all sensors is reversed, which are left-handed then"
+        return "", f"{told}: state imu_rotation_deg, or rotations_deg of the sensors, in the array file"
 
     def remarks(self) -> tuple[str, ...]:
         """Return how the gyroscope is late and turned, and what its scale may do, in a sentence each."""
@@ -157,8 +159,7 @@ class GyroscopeFit(MotionFit):
         if abs(self.state.delay_s) > max(FAR * delay_error_s, 0.5 * self.use.interval_s):
             late = "late" if self.state.delay_s > 0 else "early"
             notes.append(f"the angular velocity is {abs(self.state.delay_s):.3g} s {late}, which is taken off")
-        if self.turned:
-            notes.append(self.turned)
+        notes += filter(None, self.turned[:1])
         # A scale error of all axes moves the errors of the sensors by so much.
         shift = -covariance @ information[:, -6:-3].sum(axis=1)
         biases = np.arange(12 * self.place.errors.sensor_count).reshape(-1, 12)[:, 6:9].ravel()
@@ -204,13 +205,14 @@ def judge_gyroscope(
         return recording, settled
     if reason := fit.contradiction():
         return recording, SettledGyroscope(None, reason)
-    return recording, settled._replace(notes=(*notes, *settled.notes, *fit.remarks()))
+    doubt = "; ".join(filter(None, (fit.turned[1], settled.doubt)))
+    return recording, settled._replace(notes=(*notes, *settled.notes, *fit.remarks()), doubt=doubt)
 
 
 class SettledGyroscope(NamedTuple):
     """A fit with angular velocity, or the reason why there is none; its unit, and what was found of it.
 
-    The doubt is what is wrong with the stated noise; empty where it is right, or none is stated.
+    The doubt is what is wrong with the stated noise or mounting; empty where both are right, or none is stated.
     """
 
     fit: GyroscopeFit | None

@@ -58,7 +58,7 @@ def field_direction(model: Model, recording: Recording, array: Array) -> tuple[s
     settled = settled_gyroscope(seen, alone, Known())
     if settled.fit is None:
         return (f"The gyroscope: {settled.reason}.",)
-    found = [*settled.notes, settled.fit.turned]
+    found = [*settled.notes, *settled.fit.turned]
     remarks = tuple(f"{one[:1].upper()}{one[1:]}." for one in found if one)
     changes = sorted(_changes(settled.fit))
     if not changes:

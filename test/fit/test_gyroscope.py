@@ -18,6 +18,7 @@ from tam_calibration.fit.likelihood import ChannelMaps
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
 from tam_calibration.model.data_sheet import Tolerances
+from tam_calibration.model.mounting import Mounting
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import from_degrees
 from tam_calibration.simulation import simulate
@@ -122,17 +123,32 @@ FAULTS = {
     ),
     "of another scale": (lambda rates: 1.02 * rates, "scale and angles of the gyroscope's axes differ by up to 2"),
 }
-"""What may be wrong with an angular velocity that is used all the same, and what the note of it says."""
+"""What may be wrong with an angular velocity that is used all the same, and what the note or the doubt of it says."""
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_told_and_estimated(fault):
-    """The fault is in the notes, and the bias along the vertical is within its errors."""
+    """The fault is in the notes or the doubts, and the bias along the vertical is within its errors."""
     change, words = FAULTS[fault]
     recording, array, errors = made(seed=4)
     found = calibrate(with_rates(recording, change), array)
-    assert any(words in note for note in found.notes), found.notes
+    assert any(words in note for note in (*found.warnings, *found.notes)), found.notes
     assert np.abs((found.errors.bias_T - errors.bias_T) / found.standard_errors[:, 6:9]).max() < 4
+
+
+@pytest.mark.parametrize("angle_deg", [9, 90, 180])
+def test_a_gyroscope_that_is_turned_far_is_doubted_unless_that_is_stated(angle_deg):
+    """Some degrees are its mounting; all sensors may be mounted otherwise than stated where it is a half turn."""
+    recording, array, _ = made(4, seed=4)
+    turn = Rotation.from_rotvec([from_degrees(angle_deg), 0.0, 0.0])
+    turned = with_rates(recording, turn.apply)
+    found = calibrate(turned, array)
+    is_doubted = found.warnings[0].startswith(f"the gyroscope is turned by {angle_deg}° against sensor 1")
+    assert is_doubted == (angle_deg > 9)
+    if is_doubted:
+        assert found.quality.next[0] == "state imu_rotation_deg, or rotations_deg of the sensors, in the array file"
+    stated = calibrate(Mounting(imu_rotation=turn.inv().as_quat()).turned(turned), array)
+    assert not any("is turned by" in told for told in (*stated.warnings, *stated.notes))
 
 
 def test_gaps_cost_what_they_hide():
