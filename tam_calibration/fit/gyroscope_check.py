@@ -261,7 +261,9 @@ def settled_gyroscope(recording: Recording, array: Array, known: Known) -> Settl
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
         # Of a long recording the turns over several samples are judged, as many as samples of a block.
         stride = -(-recording.sample_count // BLOCK)
-        use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride)
+        # Of white jitter the second differences of the stamps have the variance 6; the median forgives gaps.
+        jitter_s = float(np.median(np.abs(np.diff(recording.time_s, 2)))) / 0.6745 / np.sqrt(6)
+        use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride, jitter_s=jitter_s)
         fit = GyroscopeFit.settled(recording, array, known, use)
         if not use.shape_error and fit.is_bent:
             # Standard deviation of the scale and the angles of axes that are not true: data sheets bound them by

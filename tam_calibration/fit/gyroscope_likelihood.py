@@ -233,6 +233,9 @@ class GyroscopeLikelihood:
         through = np.einsum("nai,nbi->nab", across[links + 1], moved[:, 1:])
         covariance = channels.elimination.covariance
         variance = np.einsum("nai,ij,nbj->nab", across, covariance, across, optimize=True) / length[:, None, None] ** 2
+        rate = np.zeros((len(along), 2))
+        rate[links + 1] = np.einsum("nai,ni->na", across[links + 1], along[links]) / self.path.duration_s[:, None]
+        variance += self.use.jitter_s**2 * rate[:, :, None] * rate[:, None, :]
         own = through @ variance[links] @ np.swapaxes(through, 1, 2) + variance[links + 1]
         between = -(through[1:] @ variance[links[1:]]) * self.path.follows[:, None, None]
         # What the sensors' noise makes of the channels' covariance: diagonal, then the three below it of blocks of two.

@@ -107,6 +107,8 @@ class GyroscopeUse:
         By how much what it tells varies more than by white noise.
     stride : int
         Over how many samples its turns are taken: more than one makes a fit quicker, and hardly less accurate.
+    jitter_s : float
+        Standard deviation of the stamps: while the array turns, a reading is of another direction by that time.
     """
 
     density: float
@@ -116,6 +118,7 @@ class GyroscopeUse:
     shape_error: float = 0.0
     lasting: float = 1.0
     stride: int = 1
+    jitter_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

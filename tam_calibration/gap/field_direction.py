@@ -74,7 +74,7 @@ def field_direction(model: Model, recording: Recording, array: Array) -> tuple[s
 def _in_words(first_s: float, last_s: float, size_T: float) -> str:
     """Return how large a field is that begins within a span of time, and when."""
     interval = f"at {last_s:.1f} s" if last_s - first_s < 1.0 else f"from {first_s:.1f} to {last_s:.1f} s"
-    return f"by {to_nanotesla(size_T):.2g} nT {interval}"
+    return f"by {float(f'{to_nanotesla(size_T):.2g}'):g} nT {interval}"
 
 
 def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:

@@ -94,3 +94,17 @@ def test_a_gyroscope_that_cannot_be_used_costs_no_verdict(still):
     assert gap.verdict == "no_gap"
     (remark,) = gap.remarks
     assert "too few samples" in remark
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_stamps_that_jitter_are_no_magnet_and_hide_none(seed):
+    """While the array turns, a stamp that is 5 ms off makes one sample's direction wrong, and no other."""
+    jitter_s = 0.005 * np.random.default_rng(seed).normal(size=1500)
+    told = []
+    for added_T in (0.0, 2 * STEP_T):
+        recording, array, _ = made(4, seed=seed, count=1500, added_T=added_T)
+        jittered = replace(recording, time_s=recording.time_s + jitter_s)
+        told.append(field_direction(Model.nominal(jittered, array), jittered, array))
+    uniform, (remark,) = told
+    assert uniform == ()
+    assert re.search(r"no such turn: by \S+ nT (at|from) (49|50)\.\d ", remark), remark
