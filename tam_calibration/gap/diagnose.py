@@ -14,10 +14,11 @@ from numpy.linalg import LinAlgError
 
 from tam_calibration.effects.grades import LEAST_SAMPLES, NEGLIGIBLE
 from tam_calibration.effects.library import installed_effects, shown_by
-from tam_calibration.fit.consistency import accepted
+from tam_calibration.fit.consistency import accepted, residual_that_changes
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import misread_attitude
+from tam_calibration.fit.screening import sound_samples
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.field_direction import field_direction
 from tam_calibration.gap.floor import floor_of
@@ -26,7 +27,6 @@ from tam_calibration.gap.nominal import ENOUGH_SAMPLES, canonical_correlations, 
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.gap.search import Progress, search
 from tam_calibration.gap.steps import Search
-from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import FieldBounds
@@ -130,18 +130,22 @@ def judge(
     """
     load_within_limit(_LIBRARIES, _LEAST_BYTES)
     array.require_recording(recording)
-    faults = require_sound(recording, array, accept, sought=shown_by(installed_effects()))
+    used, left_out, faults = sound_samples(recording, array, accept, sought=shown_by(installed_effects()))
     seen, of_stretches = in_stretches(recording)
     seen.check_plausible(array.field)
+    gap, found = _judged(seen, array, without, progress)
     grave = [fault.sentence for fault in faults if fault.severity == "refusal"]
-    refusals = grave or [refusal for refusal in [refusal_of(seen, array)] if refusal is not None]
+    refusal, doubt = ("", "") if grave else objections_to(used, array)
     alone = " without the tolerances of the array file" if array.tolerances is not None and not grave else ""
     remarks = list(of_stretches)
-    remarks += [f"tam calibrate would refuse this recording{alone}: {refusal}." for refusal in refusals]
+    remarks += [f"tam calibrate would refuse this recording{alone}: {each}." for each in grave or [refusal] if each]
+    if doubt and gap.verdict != "explained":
+        remarks.append(f"tam calibrate would doubt this recording: {doubt}.")
+    if left_out is not None and not left_out.is_lasting:
+        remarks += [f"tam calibrate leaves out single readings: {each}." for each in left_out.sentences()]
     remarks += [f"The channels: {fault.sentence}." for fault in faults if fault.severity != "refusal"]
     if misread := misread_attitude(seen):
         remarks.append(f"{misread[:1].upper()}{misread[1:]}.")
-    gap, found = _judged(seen, array, without, progress)
     return Judgement(replace(gap, remarks=(*remarks, *gap.remarks)), seen, found)
 
 
@@ -220,25 +224,24 @@ def in_stretches(source: SampleSource) -> tuple[Recording, tuple[str, ...]]:
     return recording, (remark,)
 
 
-def refusal_of(recording: Recording, array: Array) -> str | None:
-    """Return why a calibration of the recording would be refused, in one sentence, or None.
+def objections_to(recording: SampleSource, array: Array) -> tuple[str, str]:
+    """Return why a calibration of the recording would be refused, and when something came near; empty otherwise.
 
     Parameters
     ----------
-    recording : Recording
-        As given; a long one is thinned.
+    recording : SampleSource
+        Without single bad readings; a long one is thinned.
     array : Array
         Of the recording; a noise that is not stated is estimated.
     """
     some = recording.thinned(ENOUGH_SAMPLES)
     try:
         require_determined(some, array)
-        accepted(some, array, maximum_likelihood)
+        return "", residual_that_changes(some, accepted(some, array, maximum_likelihood))
     except (InputError, Refused) as problem:
-        return str(problem)
+        return str(problem), ""
     except LinAlgError:
-        return "the readings do not fit one calibration"
-    return None
+        return "the readings do not fit one calibration", ""
 
 
 def needed_samples(sensor_count: int) -> int:

@@ -166,6 +166,32 @@ def test_what_a_calibration_would_refuse_is_told_first(run, damage):
         assert gap.statement.startswith(f"No verdict on the time from {first:.1f} to {last:.1f} s: ")
 
 
+def test_single_readings_that_repeat_are_told_as_the_calibration_takes_them(run):
+    """Readings that stick for a while cost a calibration these readings alone: no remark says that it is refused."""
+    made = run(600)
+    readings_T = made.recording.readings_T.copy()
+    for start in (100, 300, 450):
+        readings_T[start : start + 12, 2] = readings_T[start, 2]
+    recording = replace(made.recording, readings_T=readings_T)
+    calibration = calibrate(recording, made.array)
+    (left_out,) = (note for note in calibration.notes if "are left out" in note)
+    remarks = diagnose(recording, made.array).remarks
+    assert remarks[0] == f"tam calibrate leaves out single readings: {left_out}."
+    assert not any("refuse" in remark for remark in remarks)
+
+
+def test_what_came_near_for_a_while_is_told_first(run):
+    """When the residual is large, as a calibration warns, where no cause explains it."""
+    made = run(600)
+    time_s = made.recording.time_s
+    nearness = 1 / (1 + ((time_s - time_s[400]) / (0.05 * time_s[-1])) ** 2) ** 1.5
+    passed_T = np.outer(nearness, [90e-9, -40e-9, 70e-9])[:, None] * np.array([1.0, 0.7, 0.5, 0.8])[:, None]
+    recording = replace(made.recording, readings_T=made.recording.readings_T + passed_T)
+    (doubt,) = (one for one in calibrate(recording, made.array).warnings if "something magnetic came near" in one)
+    gap = diagnose(recording, made.array)
+    assert gap.remarks[0] == f"tam calibrate would doubt this recording: {doubt}."
+
+
 def test_one_absurd_reading_is_no_other_cause(run):
     """A sample of one tesla in all sensors breaks nothing."""
     made = run(400)
