@@ -246,10 +246,8 @@ def _residual(calibration: Calibration) -> str:
     ratios = {f"|B| of sensor {sensor + 1}": float(value) for sensor, value in enumerate(sensors)}
     if calibration.array.has_gradient:
         ratios["the tensor"] = residuals.tensor_rmse_T_per_m / floor.tensor_rmse_T_per_m
-    chi_square = calibration.reduced_chi_square
-    ratios |= {
-        words: float(np.sqrt(chi_square[name])) for name, words in calibration.channels.items() if name in chi_square
-    }
+    chi_square, channels = calibration.reduced_chi_square, calibration.channels
+    ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in channels.items() if name in chi_square}
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
     # Residuals that a doubt names, the largest first.
     worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])

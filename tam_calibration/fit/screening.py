@@ -4,7 +4,7 @@ A fit of all samples shows whether there are any. If so, a robust fit finds them
 the judgement until it stays the same. Any part of the samples below a third may be bad.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,8 +16,6 @@ from tam_calibration.core.least_squares import MOST_STEPS
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.streaming import left_out
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
-from tam_calibration.integrity import require_sound
-from tam_calibration.integrity.fault import Fault
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused, first_at
 from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSource
@@ -116,35 +114,6 @@ def _when(place: IntArray, time_s: FloatArray) -> str:
 def _ordinal(number: int) -> str:
     is_teen = number % 100 in (11, 12, 13)
     return f"{number}{'th' if is_teen else {1: 'st', 2: 'nd', 3: 'rd'}.get(number % 10, 'th')}"
-
-
-def sound_samples(
-    recording: SampleSource,
-    array: Array,
-    accept: Collection[str] = (),
-    *,
-    sought: Collection[str] = (),
-    is_screened: bool = True,
-) -> tuple[SampleSource, LeftOut | None, list[Fault]]:
-    """Return the samples of sound channels without single bad readings, what was left out, and the faults left.
-
-    Parameters
-    ----------
-    recording, array
-        As of ``without_bad_readings``.
-    accept, sought : collection of str
-        As of ``require_sound``.
-    is_screened : bool
-        Whether single bad readings are left out.
-
-    Raises
-    ------
-    InputError, Refused
-        As ``require_sound``, which single bad readings that are brief do not concern.
-    """
-    used, left_out = without_bad_readings(recording, array) if is_screened else (recording, None)
-    screened = used if left_out is not None and left_out.is_brief else None
-    return used, left_out, require_sound(recording, array, accept, sought=sought, screened=screened)
 
 
 def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleSource, LeftOut | None]:

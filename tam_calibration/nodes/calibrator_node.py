@@ -183,17 +183,10 @@ class Calibrator(TamNode):
     def _calibrate(self) -> str:
         usage = self._usage()
         usage.require_enough()
-        fit = partial(
-            calibrate,
-            array=self._array,
-            method=self.value("method"),
-            accept=names_in(self.value("accept")),
-            prior=self._prior(),
-        )
+        array, accept = self._array, names_in(self.value("accept"))
+        fit = partial(calibrate, array=array, method=self.value("method"), accept=accept, prior=self._prior())
         samples = usage.with_each_reading_once(self._store.recording())
-        explain = partial(
-            explained, samples=samples, array=self._array, progress=self._go_on, accept=names_in(self.value("accept"))
-        )
+        explain = partial(explained, samples=samples, array=array, progress=self._go_on, accept=accept)
         calibration = naming_causes(lambda: fit_with_usage(samples, usage, fit), explain)
         self._live.begin(calibration)
         self._publish(calibration)
