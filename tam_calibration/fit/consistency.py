@@ -21,7 +21,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import FEWEST_SAMPLES, SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import residual_series
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, rounded, to_degrees, to_nanotesla
 
 SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
 """What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
@@ -59,7 +59,7 @@ class _Parts:
 
     def _describe(self, part: int) -> str:
         residual_nT = to_nanotesla(float(self.residual_T[part]))
-        return f"{residual_nT:.3g} nT between {self.start_s[part]:.1f} and {self.end_s[part]:.1f} s"
+        return f"{rounded(residual_nT, 3)} nT between {self.start_s[part]:.1f} and {self.end_s[part]:.1f} s"
 
 
 def require_one_calibration(recording: SampleSource, calibration: Calibration) -> None:
@@ -250,7 +250,7 @@ def _residual(calibration: Calibration) -> str:
     ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in channels.items() if name in chi_square}
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
     # Residuals that a doubt names, the largest first.
-    worst = ", ".join(f"{name} {value:.3g} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
+    worst = ", ".join(f"{name} {rounded(value, 3)} times" for name, value in sorted(high, key=lambda one: -one[1])[:2])
     factor = float(np.sqrt(max(calibration.variance_factors)))
     widened = (
         f"; its slow part is {factor:.3g} times that of white noise, and standard errors have been increased"
@@ -301,8 +301,8 @@ def _standard_errors(calibration: Calibration) -> str:
     if of_scalar := next((note for note in calibration.notes if note.startswith(FOLLOWS)), ""):
         return of_scalar
     return (
-        f"the parameter errors increase the error of a corrected sample to {growth:.3g} times that of sensor noise "
-        "alone: record longer, in more directions"
+        f"the parameter errors increase the error of a corrected sample to {rounded(growth, 3)} times that of sensor "
+        "noise alone: record longer, in more directions"
     )
 
 
@@ -326,8 +326,8 @@ def _first_sensor(calibration: Calibration) -> str:
     if size < from_degrees(5.0) or _angles(turns[2:] @ turns[1].T).max() > size / 3:
         return ""
     return (
-        f"all other sensors are turned by {to_degrees(size):.2g}° against sensor 1, whose axes are those of the array: "
-        "state how sensor 1 is mounted (rotations_deg in the array file), or record attitude and use --method "
+        f"all other sensors are turned by {rounded(to_degrees(size))}° against sensor 1, whose axes are those of the "
+        "array: state how sensor 1 is mounted (rotations_deg in the array file), or record attitude and use --method "
         "integrated"
     )
 
@@ -347,5 +347,5 @@ def _bias(calibration: Calibration) -> str:
         return ""
     return (
         f"the bias of sensor {sensor + 1} {'xyz'[axis]} is {to_nanotesla(float(bias_T[sensor, axis])):.6g} nT, "
-        f"{ratio:.2g} times the field: look for a magnet at the sensor, and for an offset of its driver"
+        f"{rounded(ratio)} times the field: look for a magnet at the sensor, and for an offset of its driver"
     )

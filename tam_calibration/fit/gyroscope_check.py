@@ -31,7 +31,7 @@ from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.recording import BLOCK, Recording
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, rounded, to_degrees, to_nanotesla
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ class GyroscopeFit(MotionFit):
         # from_degrees(2.0): turn from which it is worth a note.
         if angle <= max(FAR * float(norm(errors)), from_degrees(2.0)):
             return "", ""
-        told = f"the gyroscope is turned by {float(f'{to_degrees(angle):.2g}'):g}° against sensor 1, which is estimated"
+        told = f"the gyroscope is turned by {rounded(to_degrees(angle))}° against sensor 1, which is estimated"
         # How far a sensor is mounted askew at most.
         askew = from_degrees(15.0)
         if angle < askew:
@@ -171,7 +171,7 @@ class GyroscopeFit(MotionFit):
         ):
             notes.append(
                 f"the gyroscope's scale is taken for true: {100 * typical_scale:g} % of it would move the biases by "
-                f"{moved_nT:.2g} nT; state scale_error_percent"
+                f"{rounded(moved_nT)} nT; state scale_error_percent"
             )
         return tuple(notes)
 

@@ -24,7 +24,7 @@ from tam_calibration.core.noise import BLOCKS, SlowSums, complete_noise, slow_co
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, rounded, to_nanotesla
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +216,7 @@ class TurningScalar:
     def sentence(self) -> str:
         """What it is and what became of it, for people."""
         counts = "so only its mean is used" if self.is_most else "and the standard errors include that"
-        size = f"{to_nanotesla(self.size_T):.2g} nT"
+        size = f"{rounded(to_nanotesla(self.size_T))} nT"
         return f"{FOLLOWS} by {size}, as near a magnet or a current, {counts}: move it away, or fit its heading error"
 
 

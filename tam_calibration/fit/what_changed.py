@@ -24,7 +24,7 @@ from tam_calibration.fit.maximum_likelihood import estimate, principal_form
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording, SampleSource
-from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, rounded, to_degrees, to_nanotesla
 
 _MOST_ORDERED = 4
 """Sensors of which every order is tried, 24 of four; of more, each exchange of two."""
@@ -206,7 +206,7 @@ def _of_bias(whose: str, jump_T: FloatArray) -> str:
 
 def _in_nanotesla(tesla: float) -> str:
     """Return a number with two digits."""
-    return f"{float(f'{to_nanotesla(tesla):.2g}'):g}"
+    return rounded(to_nanotesla(tesla))
 
 
 def _of_gain(whose: str, factor: float) -> str:

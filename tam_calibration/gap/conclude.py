@@ -18,7 +18,7 @@ from tam_calibration.gap.steps import LARGEST_REST, LEAST_EVIDENCE, Search
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, rounded, to_nanotesla
 
 
 def verdict_on(found: Search, size: Size) -> Verdict:
@@ -114,7 +114,7 @@ def _statement(gap: Gap, where: str) -> str:
     """Return the verdict in one sentence, with the place of the gap in words."""
     if gap.verdict == "no_gap":
         return "No gap: what the calibration leaves is noise."
-    size_of_gap = f"A gap of {gap.size.before:.2g} times the noise floor in {where}"
+    size_of_gap = f"A gap of {rounded(gap.size.before)} times the noise floor in {where}"
     if gap.verdict == "unexplained":
         return f"{size_of_gap} that no effect of the library explains."
     rival = " (or by anything else that changes as slowly)"
@@ -133,10 +133,10 @@ def _remainder(verdict: Verdict, size: Size) -> str:
     """Return in one sentence how much of the gap is open; empty where nothing is."""
     if verdict not in ("partly_explained", "unexplained"):
         return ""
-    share = "All of the gap" if verdict == "unexplained" else f"{100 * (1 - size.closed):.2g} % of the gap's energy"
-    return (
-        f"{share} is open: {size.after:.2g} noise floors, {to_nanotesla(size.after_T):.3g} nT at one axis of a sensor."
-    )
+    part = rounded(100 * (1 - size.closed))
+    share = "All of the gap" if verdict == "unexplained" else f"{part} % of the gap's energy"
+    left_nT = rounded(to_nanotesla(size.after_T), 3)
+    return f"{share} is open: {rounded(size.after)} noise floors, {left_nT} nT at one axis of a sensor."
 
 
 def residue_of(nominal: Model, model: Model, before: WhitenedChannels, variance: float) -> Residue:
@@ -241,5 +241,5 @@ def _asked(recording: Recording, names: Iterable[str]) -> str:
     effects = list(map(effect_named, names))
     motions = ", and ".join(dict.fromkeys(effect.excitation for effect in effects))
     needed = dict.fromkeys(channel for effect in effects for channel in effect.channels)
-    missing = [words_of(channel) for channel in needed if getattr(recording, channel) is None]
+    missing = [words_of(channel) for channel in needed if recording.channel(channel) is None]
     return f"{motions}, with the {' and '.join(missing)} recorded" if missing else motions

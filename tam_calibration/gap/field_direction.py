@@ -23,7 +23,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.steps import MOST_CAUSES
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, rounded, to_nanotesla
 
 _LENGTHS = (1, 8, 64, 512)
 """Intervals within which a field begins: at once, as an array swings, as a source is passed, slowly."""
@@ -74,7 +74,7 @@ def field_direction(model: Model, recording: Recording, array: Array) -> tuple[s
 def _in_words(first_s: float, last_s: float, size_T: float) -> str:
     """Return how large a field is that begins within a span of time, and when."""
     interval = f"at {last_s:.1f} s" if last_s - first_s < 1.0 else f"from {first_s:.1f} to {last_s:.1f} s"
-    return f"by {float(f'{to_nanotesla(size_T):.2g}'):g} nT {interval}"
+    return f"by {rounded(to_nanotesla(size_T))} nT {interval}"
 
 
 def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:

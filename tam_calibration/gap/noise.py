@@ -19,7 +19,7 @@ from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import InterpolatedNoise, Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, rounded, to_nanotesla
 
 ColourName = Literal["white", "1/f", "band"]
 
@@ -288,4 +288,4 @@ def _by_sensor(rows_T: Sequence[float]) -> FloatArray:
 
 
 def _nT(value_T: float) -> str:
-    return f"{to_nanotesla(float(value_T)):.3g} nT"
+    return f"{rounded(to_nanotesla(float(value_T)), 3)} nT"

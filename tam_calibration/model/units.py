@@ -33,6 +33,11 @@ def from_degrees(degrees: Quantity) -> Quantity:
     return degrees * (np.pi / 180.0)
 
 
+def rounded(value: float, digits: int = 2) -> str:
+    """Format with some significant digits, and without an exponent up to a million: 220, 9.9, 0.013."""
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
 _FOR_PEOPLE = {"T": (to_nanotesla(1.0), "nT"), "K": (1.0, "°C"), "rad": (to_degrees(1.0), "°")}
 _SYMBOL = re.compile(r"([A-Za-z]+)([²³⁴⁵]?)")
 

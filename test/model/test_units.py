@@ -41,3 +41,9 @@ def test_units_for_people(unit, factor, name):
     found = units.for_people(unit)
     assert_allclose(found[0], factor)
     assert found[1] == name
+
+
+@pytest.mark.parametrize(("value", "words"), [(219.6, "220"), (9.87, "9.9"), (1.0, "1"), (0.0132, "0.013")])
+def test_a_number_is_rounded_without_an_exponent(value, words):
+    """Two significant digits, whatever is before the decimal point."""
+    assert units.rounded(value) == words
