@@ -28,9 +28,9 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("railway_feeder", "wetted_metals"),
     *("magnet_pump", "dropped_weight", "neighbouring_lift"),
     *("turning_antenna", "working_arm"),
+    *("rising_barge", "breathing_diver"),
 )
 """What disturbs all sensors leaves none to another cause."""
 

@@ -8,7 +8,7 @@ from tam_validation.blind import SETS, disorder, instrument_faults, material, su
 from tam_validation.blind.disturbance import Entry
 from tam_validation.blind.outside import OUTSIDE
 from tam_validation.blind.outside_eleventh import ELEVENTH
-from tam_validation.blind.outside_tenth import TENTH
+from tam_validation.blind.outside_thirteenth import THIRTEENTH
 from tam_validation.blind.outside_twelfth import TWELFTH
 
 _DRAWS = {
@@ -32,10 +32,10 @@ pumped scalars without compensation; an hour of a magnetic storm; a magnet at a 
 spikes of twice the field; the steps of a phone's converter; elsewhere a fifth of the field, past which nobody
 calibrates."""
 
-OUTSIDE_SETS = dict(zip(SETS, (OUTSIDE, TENTH, ELEVENTH, TWELFTH), strict=True))
+OUTSIDE_SETS = dict(zip(SETS, (OUTSIDE, ELEVENTH, TWELFTH, THIRTEENTH), strict=True))
 """The causes outside the library, set by set."""
 
-CAUSES = CATALOGUE | OUTSIDE | TENTH | ELEVENTH | TWELFTH
+CAUSES = CATALOGUE | OUTSIDE | ELEVENTH | TWELFTH | THIRTEENTH
 """Every cause that a case may hold."""
 
 LAWS: dict[str, dict[str, list[str]]] = tomllib.loads(Path(__file__).with_name("laws.toml").read_text(encoding="utf-8"))
