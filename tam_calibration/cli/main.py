@@ -75,10 +75,10 @@ SUBCOMMANDS = {
     "nodes": "Start the nodes: collector, calibrator, corrector, localizer.",
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",
-    "demo": "Run the complete chain over ROS 2 and show what it gained.",
 }
 
 VALIDATION = {
+    "demo": "Run the complete chain over ROS 2 and show what it gained.",
     "blind": "Check the diagnosis on recordings whose cause is withheld: make, answer, score.",
     "reproduce": "Run the simulations of the papers again, number by number.",
 }

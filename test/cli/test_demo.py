@@ -7,20 +7,20 @@ import pytest
 from click.testing import CliRunner
 from forked_children import ForkedChildren
 
-from tam_calibration.cli import demo
 from tam_calibration.cli.main import main
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
+from tam_validation import demo_command as demo
 
 
 def test_demo_reaches_the_noise_floor(fork_server, ros_domain, tmp_path, monkeypatch, undrawn):
     """A shorter run over DDS ends with exit code 0, a page and a calibration."""
     scenario = replace(read_scenario("tumble_100_hz"), sample_count=700)
-    monkeypatch.setattr("tam_calibration.cli.demo.read_scenario", lambda name: scenario)
-    monkeypatch.setattr("tam_calibration.cli.demo.PLAY_RATE", 4.0)
-    monkeypatch.setattr("tam_calibration.cli.demo.CHECK_SAMPLES", 300)
-    monkeypatch.setattr("tam_calibration.cli.demo.Children", ForkedChildren)
+    monkeypatch.setattr("tam_validation.demo_command.read_scenario", lambda name: scenario)
+    monkeypatch.setattr("tam_validation.demo_command.PLAY_RATE", 4.0)
+    monkeypatch.setattr("tam_validation.demo_command.CHECK_SAMPLES", 300)
+    monkeypatch.setattr("tam_validation.demo_command.Children", ForkedChildren)
     output = tmp_path / "output"
     result = CliRunner().invoke(main, ["demo", "--output", str(output)])
     assert result.exit_code == 0, result.output
