@@ -80,6 +80,18 @@ class Streams:
             intakes[name] = Intake(name, pick, bounds, reading.unwrap, self.doubtful.get(name, ""), axes, origin)
         return intakes
 
+    def require_half(self, missing: Missing, reading: Reading) -> None:
+        """Check that no sensor lacks more than half of its readings or, where samples may be partial, not every sensor.
+
+        Raises
+        ------
+        InputError
+            It names the sensor and why.
+        """
+        sensors = {name for name in self.wanted if not is_channel(name)}
+        if not reading.with_partial or sensors <= missing.mostly().keys():
+            missing.require_half()
+
     @cached_property
     def layout(self) -> SampleLayout:
         """The columns of a sample."""
@@ -135,7 +147,7 @@ class Joining:
         Raises
         ------
         InputError
-            When no sample can be joined, or more than half of a sensor's readings are missing.
+            When no sample can be joined, or too many readings are missing.
         Refused
             When most messages of a sensor cannot be used.
         """
@@ -155,7 +167,7 @@ class Joining:
             is_reported = is_reported or self._report_jitter(batch)
             usable = {name: self._usable(name, messages) for name, messages in batch.items()}
             yield from self._timed(*self._synchroniser.push_batch(usable))
-        self._missing.require_half()
+        self.streams.require_half(self._missing, self._reading)
         yield from self._timed(*self._synchroniser.flush_batch())
         self._require_samples()
         self._report()

@@ -168,13 +168,13 @@ class RowJoining:
         Raises
         ------
         InputError
-            When a row is no row of numbers, or more than half of a sensor's readings are missing.
+            When a row is no row of numbers, or too many readings are missing.
         """
         cells, values = self.source.all_rows(self._fields)
         if not len(values):
             raise InputError("it contains no sample")
         samples = self._samples(cells, values, self.source.timed(cells, len(values)))
-        self._missing.require_half()
+        self.streams.require_half(self._missing, self._reading)
         # If fewer rows hold all sensors, these are read in turn and have to be joined by time.
         if self._count and self._whole < 0.5 * self._count and not self._reading.with_partial:
             return None
@@ -208,9 +208,9 @@ class RowJoining:
         Raises
         ------
         InputError
-            When there are none, or more than half of a sensor's readings are missing.
+            When there are none, or too many readings are missing.
         """
-        self._missing.require_half()
+        self.streams.require_half(self._missing, self._reading)
         if samples is None:
             raise InputError("it contains no sample that lies within --from and --until and has all sensors")
         doubts = () if self._array is None else self.streams.other_frames(self._array.mounting)

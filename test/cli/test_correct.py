@@ -107,6 +107,25 @@ def test_a_sensor_that_fails_is_left_out_without_a_scalar(folder, recording):
     assert_allclose(table[300:, :3], whole[300:, :3], atol=5e-9)
 
 
+@pytest.mark.parametrize("is_bag", [False, True])
+@pytest.mark.parametrize("death", ["zeros", "noise"])
+def test_a_sensor_that_dies_early_costs_no_run(folder, turned_slowly, is_bag, death):
+    """Most of its readings are missing, or nonsense: the others correct those samples, and the first line says so."""
+    readings_T = turned_slowly.readings_T.copy()
+    readings_T[200:, 2] = 0 if death == "zeros" else 1e-9 * np.random.default_rng(7).normal(size=(400, 3))
+    name = "odd" if is_bag else "odd.csv"
+    write_recording(name, replace(turned_slowly, readings_T=readings_T))
+    told = run(name, "--calibration", "c.yaml", "-o", "out.csv").stdout
+    table = np.loadtxt("out.csv", delimiter=",", skiprows=1)
+    assert f"{len(table)} samples corrected, {len(table) - 200} of them without sensor 3" in told
+    assert "400 of 600 readings of sensor 3" in told
+    lost = 200 if is_bag and death == "zeros" else 0  # until the sensor counts as silent
+    assert len(table) == 600 - lost
+    whole = read_calibration("c.yaml").correct(turned_slowly).outputs
+    assert_allclose(table[:200, 1:] / 1e9, whole[:200], atol=1e-18)
+    assert_allclose(table[200:, 1:4] / 1e9, whole[200 + lost :, :3], atol=5e-9)
+
+
 def test_a_bag_whose_choice_needs_the_array_is_corrected_into_a_bag(folder, recording):
     """Twelve numbers without names are the four sensors of the calibration's array; their topic is kept."""
     stamps = (recording.time_s * 1e9).round().astype(int)
