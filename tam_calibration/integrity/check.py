@@ -11,6 +11,7 @@ from tam_calibration.integrity.repeated import Copies, FrozenAxes
 from tam_calibration.integrity.values import at_ends, in_other_units, in_steps, with_stuck_bits
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import FEWEST_SAMPLES, Recording, SampleSource
+from tam_calibration.model.units import to_nanotesla
 
 _SCREENED = ("frozen", "unit", "zero")
 """Faults that single readings can have."""
@@ -56,10 +57,13 @@ def _each_kind(source: SampleSource, overview: Overview, array: Array) -> Iterat
 
 
 def _constant(some: Recording) -> list[Fault]:
-    """Return a note on each further channel whose readings never change."""
+    """Return a note on each channel but the sensors whose readings never change."""
+    channels = {"temperature": (some.temperature_C, "°C"), "current": (some.current_A, "A")}
+    if some.scalar_T is not None:
+        channels["scalar"] = to_nanotesla(some.scalar_T[np.isfinite(some.scalar_T)]), "nT"
     notes = []
-    for name, values, unit in (("temperature", some.temperature_C, "°C"), ("current", some.current_A, "A")):
-        if values is not None and np.ptp(values) == 0:
+    for name, (values, unit) in channels.items():
+        if values is not None and len(values) >= FEWEST_SAMPLES and np.ptp(values) == 0:
             sentence = f"the {name} is {values[0]:g} {unit} in every sample: make sure that it is recorded at all"
             notes.append(Fault("frozen", None, "", (some.time_s[0], some.time_s[-1]), sentence, "note"))
     return notes

@@ -301,10 +301,10 @@ def missing_of(values: FloatArray, is_field: bool) -> tuple[NDArray[np.int8], di
     if is_field:
         stream = "scalar" if values.shape[1] == 1 else "tam_1"
         codes = codes_of(stream, values)
-        if (codes == 0).any():
-            some = thinned(values if not codes.any() else values[codes == 0])
-            codes[Range.of(stream, some).beyond(values) & (codes == 0)] = FAR
     codes[np.isnan(values).any(axis=1) & (codes == 0)] = NAN
+    if is_field and (codes == 0).any():
+        some = thinned(values if not codes.any() else values[codes == 0])
+        codes[Range.of(stream, some).beyond(values) & (codes == 0)] = FAR
     return codes, {REASONS[code]: int((codes == code).sum()) for code in np.unique(codes[codes > 0]).tolist()}
 
 

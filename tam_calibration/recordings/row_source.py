@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tam_calibration.core.interpolation import without_delays
-from tam_calibration.messages.missing import Missing
+from tam_calibration.messages.missing import Missing, in_words
 from tam_calibration.messages.point_cloud import is_channel
 from tam_calibration.messages.samples import Progress, Samples, Usage
 from tam_calibration.model.array import Array
@@ -160,6 +160,7 @@ class RowJoining:
         self._fields = fields_of(streams.wanted)
         self.intakes = streams.intakes(reading, array)
         self._missing, self._count, self._whole = Missing(), 0, 0
+        self._read: set[str] = set()
         self._first_ns: int | None = None
 
     def whole(self, progress: Progress = lambda done, total: None) -> Samples | None:
@@ -214,8 +215,11 @@ class RowJoining:
         if samples is None:
             raise InputError("it contains no sample that lies within --from and --until and has all sensors")
         doubts = () if self._array is None else self.streams.other_frames(self._array.mounting)
-        if self._missing.counts or doubts:
-            usage = Usage(self._whole, self._count, missing=self._missing.sentences(), other_frames=doubts)
+        unread = self.streams.wanted.keys() - self._read
+        lost = tuple(f"all {self._count} readings of {in_words(name)} are missing" for name in sorted(unread))
+        if self._missing.counts or doubts or lost:
+            told = self._missing.sentences()
+            usage = Usage(self._whole, self._count, lost=lost, missing=told, other_frames=doubts)
             return replace(samples, usage=usage)
         return samples
 
@@ -268,5 +272,7 @@ class RowJoining:
             in_si, codes = self.intakes[stream].take(raw)
             self._missing.add(stream, codes, (stamps_ns - (self._first_ns or 0)) / 1e9)
             taken[stream] = np.where(codes[:, None] > 0, np.nan, in_si)
+            if not np.isnan(taken[stream]).all():
+                self._read.add(stream)
         sensors = (name for name in taken if not is_channel(name))
         return np.column_stack([taken[name] for name in (*sensors, *self.streams.layout.channels)])

@@ -94,3 +94,14 @@ def test_a_channel_that_never_changes_is_noted(run):
     [fault] = still.faults
     assert fault.severity == "note"
     assert fault.sentence == "the temperature is 0 °C in every sample: make sure that it is recorded at all"
+
+
+def test_a_scalar_that_never_changes_is_noted(run):
+    """It may be stuck; that it is read in every second sample alone does not hide that. A few readings may be equal."""
+    scalar_T = np.full(run.recording.sample_count, 48e-6)
+    scalar_T[::2] = np.nan
+    [fault] = run.of(1, 2, 3, 4, scalar_T=scalar_T).faults
+    assert fault.severity == "note"
+    assert fault.sentence == "the scalar is 48000 nT in every sample: make sure that it is recorded at all"
+    scalar_T[5:] = np.nan
+    assert run.of(1, 2, 3, 4, scalar_T=scalar_T).told == []

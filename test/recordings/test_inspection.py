@@ -336,6 +336,14 @@ def test_two_publishers_are_told_by_what_they_leave(tmp_path):
     assert "stamps go back 200 times, by up to 0.07 s, first at 0.00 s: two publishers on one topic" in told
 
 
+def test_a_scalar_that_is_blank_throughout_is_told_without_a_warning(tmp_path, recwarn):
+    """Its readings have no range to be outside of."""
+    columns = {"time_s": times(first_ns=0) / 1e9, **columns_of("mag_", turned(48_000)), "scalar_nT": [""] * 400}
+    found = inspect(write_text(tmp_path / "run.csv", columns))
+    assert any("scalar: 400 of 400 readings are NaN or blank" in one for one in found.oddities)
+    assert not recwarn.list
+
+
 def test_missing_readings_are_counted_by_reason(tmp_path):
     """NaN, zeros on all axes, sentinels and what is far outside, each with the time of the first."""
     readings = turned()

@@ -44,6 +44,14 @@ def test_rows_that_lack_a_sensor_are_left_out_and_told(tmp_path):
     assert partial.missing[3] == 2
 
 
+def test_a_channel_without_any_reading_is_told(tmp_path):
+    """A scalar that is blank throughout gives no scale; a slow one is blank in most rows, which is no fault."""
+    _, usage = read_source(table(tmp_path, scalar_nT=[""] * 400))
+    assert usage.warnings() == ("all 400 readings of the scalar are missing",)
+    slow = [48_000 if place % 20 == 0 else "" for place in range(400)]
+    assert read_source(table(tmp_path, scalar_nT=slow))[1] is None
+
+
 def test_sensors_that_are_read_in_turn_are_joined_by_time(tmp_path):
     """Where few rows hold all: each is interpolated to the others' times, as messages are."""
     first, second = (columns_of(f"mag{sensor}_", turned(48_000)) for sensor in (0, 1))
