@@ -34,7 +34,7 @@ from tam_calibration.model.exceptions import InputError, Refused, sensors_in_wor
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import Recording, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
-from tam_calibration.model.units import to_nanotesla
+from tam_calibration.model.units import FloatArray, to_nanotesla
 
 IN_WORLD = "recorded_attitude"
 """Method of a calibration of one sensor in the field of the world."""
@@ -264,7 +264,7 @@ def explained(
     with suppress(InputError, Refused):
         # The user did not ask for this diagnosis: so many samples take some seconds.
         gap = diagnose(samples.thinned(10_000), array, progress=progress, accept=accept)
-        asking, words = [one for one in sentences if LOOK_FOR_CAUSE in one], _in_words(gap)
+        asking, words = [one for one in sentences if LOOK_FOR_CAUSE in one], _in_words(gap, array.vector_noise_T)
         guesses = (SOMETHING_MAGNETIC, PARTS_APART, LEAVE_OUT) if gap.verdict == "explained" else ()
         told = [one for one in sentences if one in asking or not (asking and any(guess in one for guess in guesses))]
         for end in (f": {guess}" for guess in (LOOK_FOR_CAUSE, *guesses)):
@@ -273,12 +273,14 @@ def explained(
     return tuple(sentences)
 
 
-def _in_words(gap: Gap) -> str:
+def _in_words(gap: Gap, stated_T: FloatArray | None) -> str:
     """Return what explains a residual and what to do, as the end of the sentence on it."""
     if gap.verdict == "no_gap":
-        levels_nT = [to_nanotesla(one.white_T) for one in gap.noise if one.sensor]
-        size = f" of {min(levels_nT):.3g} to {max(levels_nT):.3g} nT" if levels_nT else ""
-        return f"; white noise{size} explains it: state that noise in the array file"
+        levels_T = [one.white_T for one in gap.noise if one.sensor]
+        if not levels_T or (stated_T is not None and min(levels_T) <= np.max(stated_T) <= max(levels_T)):
+            return "; no noise or known effect explains it: see where and when it is, with tam diagnose --report"
+        size = f"{to_nanotesla(min(levels_T)):.3g} to {to_nanotesla(max(levels_T)):.3g} nT"
+        return f"; white noise of {size} explains it: state that noise in the array file"
     names = list(dict.fromkeys(cause.fitted.effect for cause in gap.causes))
     if not names:
         return "; no known effect explains it: see where and when it is, with tam diagnose --report"

@@ -268,6 +268,16 @@ def test_noise_that_was_stated_too_small_is_told_with_its_size(turning):
     assert "white noise of 2.1" in quality.reasons[0] and quality.next[0] == "state that noise in the array file"
 
 
+def test_noise_as_stated_explains_no_residual(turning):
+    """A diagnosis that finds no more than the stated noise leaves the residual open."""
+    readings_T = turning.recording.readings_T.copy()
+    readings_T[:, 1, 0] += 20e-9 * np.sin(2 * np.pi * 7.3 * turning.recording.time_s)
+    recording, array = turning.recording, turning.scenario.array
+    quality = explained(calibrate(replace(recording, readings_T=readings_T), array), recording, array).quality
+    assert "no noise or known effect explains it" in quality.reasons[0]
+    assert quality.next[0] == "see where and when it is, with tam diagnose --report"
+
+
 def test_what_no_effect_explains_is_said(turning):
     """A slow course that no channel has."""
     time_s = turning.recording.time_s - turning.recording.time_s[0]
