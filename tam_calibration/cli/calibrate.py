@@ -169,7 +169,7 @@ def command(
     inputs = [recording, array_path, wanted.prior_path, source_path, *how.files]
     if source is not None:
         inputs.append(source.recording)
-    with terminal.graded(answer.is_json), answer.files(inputs, yaml=output, report=report) as places:
+    with terminal.graded(answer.is_json, output=output), answer.files(inputs, yaml=output, report=report) as places:
         with terminal.showing_progress() as progress:
             found = _calibrate(recording, array_path, wanted, how, progress)
             if source is not None:

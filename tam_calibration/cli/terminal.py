@@ -292,12 +292,18 @@ def print_answer(
 
 
 @contextmanager
-def graded(as_json: bool, further: Callable[[str], dict[str, object]] = lambda reason: {}) -> Iterator[None]:
-    """Answer a refusal by the grade "bad" with its reason: in words, or as JSON, which may hold further keys."""
+def graded(
+    as_json: bool, further: Callable[[str], dict[str, object]] = lambda reason: {}, output: Path | None = None
+) -> Iterator[None]:
+    """Answer a refusal by the grade "bad" with its reason: in words, or as JSON, which may hold further keys.
+
+    The reason tells of an output that exists that it is still the earlier one.
+    """
     try:
         yield
     except Refused as problem:
-        raise GradedBad(str(problem), as_json, further(str(problem))) from problem
+        earlier = f"; nothing written: {output} is still the earlier one" if output and output.exists() else ""
+        raise GradedBad(f"{problem}{earlier}", as_json, further(str(problem))) from problem
 
 
 class _Console(Console):

@@ -1,6 +1,7 @@
-"""What is written costs nothing that is stored: no output is an input or a bag, nor lies inside one."""
+"""What is written costs nothing that is stored: no output is an input or another recording, nor lies inside a bag."""
 
 import os
+import re
 from collections.abc import Hashable, Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -8,10 +9,11 @@ from unicodedata import normalize
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings.bag_storages import METADATA, STORAGES, is_bag
+from tam_calibration.recordings.times import time_unit
 
 
 def require_separate(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
-    """Check that writing outputs overwrites no input, no bag, and no other output.
+    """Check that writing outputs overwrites no input, no recording but those of this package, and no other output.
 
     Every command calls this before it begins to work. Names that differ in their case alone, other paths and links to
     the same file count as the same, as they are the same on some disks.
@@ -26,17 +28,17 @@ def require_separate(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     Raises
     ------
     InputError
-        When an output is an input, a bag or another output, lies inside one, or contains an input.
+        When an output is an input, a recording or another output, lies inside one, or contains an input.
     """
     inputs = list(inputs)
     taken = {key for path in inputs for key in _keys(path) | _parts(path)}
     for output in outputs:
         require_outside_bags(output)
-        if output.is_file() and is_bag(output):
-            raise InputError(f"{output} is a bag that exists already: choose another name, or remove it")
         own = _keys(output)
         if own & taken:
             raise InputError(f"{output} would be overwritten: choose another name for the output")
+        if output.is_file() and (is_bag(output) or _is_others_table(output)):
+            raise InputError(f"{output} is a recording that exists already: choose another name, or remove it")
         for path in inputs:
             if _folders(output) & _place(path):
                 raise InputError(f"{output} lies inside {path}, which is read: choose a place outside it")
@@ -72,6 +74,20 @@ def _holds_bag(folder: Path) -> bool:
         names = [each.name for each in folder.iterdir() if each.name.startswith(begin)]
         return any(suffix in name for name in names for suffix in suffixes)
     return False
+
+
+def _is_others_table(path: Path) -> bool:
+    """Return whether a .csv may hold readings that this package did not write, by a time and three axes in its header.
+
+    Corrected data begin with the centre vector, and the truth of a simulation lies in the same folder.
+    """
+    if path.suffix != ".csv" or path.with_suffix(".truth.yaml").exists():
+        return False
+    with path.open(encoding="utf-8", errors="replace") as file:
+        header = file.readline(1 << 16)
+    names = re.split(r"[,;\t]", header)
+    has_time = any(time_unit(name) is not None for name in names)
+    return has_time and len(names) > 3 and not header.startswith("time_s,bx_nT,")
 
 
 def _paths(path: Path) -> set[Path]:

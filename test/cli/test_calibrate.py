@@ -104,6 +104,10 @@ def test_a_refusal_is_bad(folder, recording):
     quality = json.loads(CliRunner().invoke(main, [*line, "--json", "-"]).stdout)["quality"]
     assert quality["grade"] == "bad" and result.stdout == f"Bad: {quality['reasons'][0]}.\n" and quality["next"]
     assert not Path("new.yaml").exists()
+    Path("new.yaml").write_text("earlier")
+    again = CliRunner().invoke(main, line)
+    assert again.stdout.endswith("; nothing written: new.yaml is still the earlier one.\n")
+    assert Path("new.yaml").read_text() == "earlier"
 
 
 def test_programs_get_json(folder):

@@ -73,9 +73,22 @@ def test_a_bag_that_exists_is_not_replaced(folder):
     Path("alone.mcap").rename("alone")
     Path("empty.db3").touch()
     for output in ("alone", "empty.db3"):
-        with pytest.raises(InputError, match=f"{output} is a bag that exists already"):
+        with pytest.raises(InputError, match=f"{output} is a recording that exists already"):
             require_separate([Path(output)], [])
     require_separate([Path("run.csv"), Path("new.mcap")], [])
+
+
+def test_a_recording_of_others_is_not_replaced(folder):
+    """A table of readings stays; what this package wrote may be written anew, and so may a table of another kind."""
+    readings = "time_s,b1x_nT,b1y_nT,b1z_nT\n0,1,2,3\n"
+    for name, header in {"a.csv": readings, "b.csv": "x;y;z;t\n", "d.csv": "Time [s]\tx\ty\tz\n"}.items():
+        Path(name).write_text(header)
+        with pytest.raises(InputError, match=f"{name} is a recording that exists already: choose another name"):
+            require_separate([Path(name)], [])
+    Path("a.truth.yaml").touch()
+    for name, header in {"b.csv": "time_s,bx_nT,by_nT,bz_nT\n", "d.csv": "number,x_m,y_m,z_m\n"}.items():
+        Path(name).write_text(header)
+    require_separate([Path("a.csv"), Path("b.csv"), Path("d.csv")], [])
 
 
 def test_outputs_are_told_apart(folder):
