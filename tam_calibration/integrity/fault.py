@@ -22,7 +22,7 @@ CHANNEL_FAULTS = {
     "repeated": "a sensor or axis that repeats another, at once or later",
     "saturated": "an axis that stays at an end of its range",
     "scalar": "a scalar that follows the direction of the field, as near a magnet",
-    "stuck_bits": "an axis whose values leave out every second band of equal width",
+    "stuck_bits": "an axis of whose values one bit never changes",
     "unit": "an axis, a sensor or the scalar in another unit than the others",
     "zero": "readings that are exactly zero",
 }
@@ -54,6 +54,8 @@ class Fault:
         Whether the numbers of a fit would be wrong ("refusal"), hardly ("warning"), or not ("note").
     may_be_effect : bool
         Whether an effect can make it, which a diagnosis then finds: not a sensor that is frozen throughout.
+    is_acceptable : bool
+        Whether a calibration is possible in spite of it.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Fault:
     sentence: str
     severity: Severity = "refusal"
     may_be_effect: bool = False
+    is_acceptable: bool = True
 
 
 def fault_of_axis(
@@ -137,7 +140,8 @@ def refuse(faults: Iterable[Fault]) -> None:
     more = f"; and {len(found) - MOST_NAMED} more such findings" if len(found) > MOST_NAMED else ""
     sentences = "; ".join(fault.sentence for fault in found[:MOST_NAMED])
     names = ", ".join(dict.fromkeys(fault.name for fault in found))
-    raise Refused(f"{sentences}{more}; correct that, or accept it by name: {names}")
+    advice = f", or accept it by name: {names}" if all(fault.is_acceptable for fault in found) else ""
+    raise Refused(f"{sentences}{more}; correct that{advice}")
 
 
 SHARED = 0.9

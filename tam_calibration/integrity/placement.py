@@ -11,7 +11,7 @@ that is reversed in the world; only that fields point north does.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -227,7 +227,7 @@ def _hand(overview: Overview, one: int, other: int) -> int:
 def _of_consensus(overview: Overview, sensor: int, many: list[int]) -> Fault:
     covariance = overview.covariance
     against = sum(covariance[sensor, other] @ np.linalg.inv(covariance[other, other]) for other in many)
-    return _fault(overview, sensor, nearest_turn(np.asarray(against)), _names(many))
+    return replace(_fault(overview, sensor, nearest_turn(np.asarray(against)), _names(many)), is_acceptable=False)
 
 
 def _names(sensors: list[int]) -> str:
@@ -248,7 +248,7 @@ def _of_either(overview: Overview, few: list[int], many: list[int]) -> Fault:
         f"{_names(few)} {verb} of {_names(many)} {between(overview.time_s)}: which is left-handed can be decided only "
         "with recorded attitude, or where more sensors are right"
     )
-    return Fault("mirrored", None, "", overview.time_s, sentence)
+    return Fault("mirrored", None, "", overview.time_s, sentence, is_acceptable=False)
 
 
 def _left_handed_by_attitude(overview: Overview, groups: list[list[int]]) -> dict[int, FloatArray]:

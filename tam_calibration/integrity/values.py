@@ -111,12 +111,13 @@ def _against_others(spread: FloatArray, principal: FloatArray, turned_T: float) 
 def _fault(overview: Overview, sensor: int | None, axis: str, own_T: float, usual_T: float) -> Fault:
     ratio = np.log10(max(own_T, np.finfo(float).tiny) / usual_T)
     times = f"about {10.0 ** abs(round(ratio)):.7g} times too {'much' if ratio > 0 else 'little'}"
-    subject = "every sensor" if sensor is None else channel(sensor + 1, axis)
-    sentence = (
-        f"{subject} varies by {in_nanotesla(own_T)} {between(overview.time_s)}, {times}: it is in another unit than "
-        f"{'the scalar' if sensor is None else 'the rest'}"
-    )
-    return Fault("unit", None if sensor is None else sensor + 1, axis, overview.time_s, sentence)
+    varies = f"varies by {in_nanotesla(own_T)} {between(overview.time_s)}, {times}: it is"
+    if sensor is None:
+        sentence = f"every sensor {varies} in another unit than the scalar"
+        return Fault("unit", None, axis, overview.time_s, sentence)
+    why = "in another unit than the rest" if ratio > 0 else "dead, disconnected, or in another unit than the rest"
+    sentence = f"{channel(sensor + 1, axis)} {varies} {why}"
+    return Fault("unit", sensor + 1, axis, overview.time_s, sentence, is_acceptable=bool(axis))
 
 
 FEWEST_AT_END = 6

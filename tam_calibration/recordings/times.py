@@ -190,7 +190,7 @@ def repaired(stamps_ns: IntArray, unit: str) -> Times:
         seconds = (stamps_ns[[first, first + 1]] - stamps_ns[0]) / 1e9
         raise InputError(
             f"time goes backwards at sample {first + 2}: after {seconds[0]:.6f} s comes {seconds[1]:.6f} s "
-            f"({int((steps < 0).sum())} such places), counted from the first sample. Read one stretch with --until, or "
+            f"({int((steps < 0).sum())} such places), counted from the first sample. Split the file there, or "
             "state time: {rate_hz: …} in a map if the rows follow each other evenly"
         )
     is_kept = np.ones(len(stamps_ns), dtype=bool)

@@ -66,7 +66,8 @@ def test_what_no_effect_makes_is_refused_by_both_commands(folder, recording, cha
     result = run(recording, change, command, "--json", "new.json")
     assert (result.exit_code, result.stderr) == (1, "")
     (line,) = result.stdout.splitlines()
-    assert line.startswith(f"Bad: {sentence}") and line.endswith(f"accept it by name: {change.__name__}.")
+    advice = "; correct that." if change is mirrored else f"accept it by name: {change.__name__}."
+    assert line.startswith(f"Bad: {sentence}") and line.endswith(advice)
     assert not (folder / "new.json").exists()
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from tam_calibration.integrity import values
+from tam_calibration.integrity.fault import refuse
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import FieldBounds
 
 
@@ -103,6 +105,15 @@ def test_an_axis_in_another_unit_is_named(run, factor):
     assert (fault.name, fault.sensor, fault.axis, fault.may_be_effect) == ("unit", 2, "z", False)
     times = factor if factor > 1 else 1 / factor
     assert f"about {times:.0f} times too {'much' if factor > 1 else 'little'}" in fault.sentence
+
+
+def test_a_sensor_that_reads_noise_may_be_dead(run):
+    """It varies far too little in all directions; as no calibration follows, accepting it is no advice."""
+    noise_T = 1e-9 * np.random.default_rng(3).normal(size=(run.recording.sample_count, 3))
+    (fault,) = run.spoiled(lambda readings: readings.__setitem__((..., 2, slice(None)), noise_T)).faults
+    assert "it is dead, disconnected, or in another unit than the rest" in fault.sentence
+    with pytest.raises(Refused, match=r"than the rest; correct that$"):
+        refuse([fault])
 
 
 @pytest.mark.parametrize("factor", FACTORS)

@@ -159,7 +159,7 @@ HEADER = "time_s,b1x_nT,b1y_nT,b1z_nT\n"
             "more than half of the readings of sensor 1 are missing: 2 of 3 readings of sensor 1 are NaN or blank, "
             "first at 0.00, 1.00 s",
         ),
-        (HEADER + "0,1,2,3\n2,1,2,3\n1,1,2,4\n", "time goes backwards at sample 3: .* Read one stretch with --until"),
+        (HEADER + "0,1,2,3\n2,1,2,3\n1,1,2,4\n", "time goes backwards at sample 3: .* Split the file there"),
         (HEADER + "0,1,1e300,3\n", "1 of 1 readings of sensor 1 is a sentinel, first at 0.00 s"),
         (HEADER.replace("nT", "T") + "0,1,1e12,3\n", "values beyond 1e.09, first sensor 1 axis y in sample 1"),
         (HEADER + "0,1,2,3\n1e-7,1,2,3\n", "2 samples in 1e-07 s: the time must be in seconds"),
