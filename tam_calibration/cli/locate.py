@@ -87,7 +87,10 @@ class Wanted:
         """(3,) velocity on a straight track, m/s; None without one."""
         if self.velocity is None:
             return None
-        return numbers_in("--velocity", "X,Y,Z in m/s such as 1.5,0,0", self.velocity, (3,))
+        velocity = numbers_in("--velocity", "X,Y,Z in m/s such as 1.5,0,0", self.velocity, (3,))
+        if not velocity.any():
+            raise InputError("--velocity is zero, and a platform that stays draws no line: leave it out")
+        return velocity
 
     @cached_property
     def begin(self) -> Origin | None:

@@ -222,7 +222,10 @@ def find_recordings(patterns: Iterable[str], without: Path) -> list[Path]:
     without = Path(realpath(without))
     found: set[Path] = set()
     for pattern in patterns:
-        here = {path for path in _matches(pattern) if not path.is_relative_to(without)}
+        matches = set(_matches(pattern))
+        here = {path for path in matches if not path.is_relative_to(without)}
+        if matches and not here:
+            raise InputError(f"{pattern} lies in {without}, where the results go: name another folder with -o")
         if not here:
             raise InputError(
                 f"no recording is found by {pattern}: name how they end, as in 'missions/**/*.mcap' (with quotes)"

@@ -72,6 +72,13 @@ def test_targets_are_listed_with_their_errors(folder):
         assert len(target["moment_A_m2"]) == 3
 
 
+def test_a_platform_that_stays_draws_no_line(folder):
+    """A velocity of zero is refused in one sentence."""
+    line = ["locate", str(folder / "line.csv"), "--calibration", str(folder / "c.yaml"), "--velocity", "0,0,0"]
+    result = CliRunner().invoke(main, line)
+    assert result.exit_code == 2 and "--velocity is zero, and a platform that stays draws no line" in result.stderr
+
+
 def test_the_answer_says_what_the_gyroscope_did(folder, tmp_path):
     """On the terminal and in the JSON: one with a long gap is not used."""
     lines = (folder / "line.csv").read_text().splitlines()[:251]

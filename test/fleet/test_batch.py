@@ -232,6 +232,12 @@ def test_results_are_no_recordings(folder):
     assert [path.name for path in found] == ["kept.csv"]
 
 
+def test_recordings_that_lie_where_results_go_are_named(folder):
+    """They are there, but are not looked for."""
+    with pytest.raises(InputError, match=r"csv lies in .*auv_1, where the results go: name another folder with -o"):
+        find_recordings(["missions/auv_1/*.csv"], folder / "missions/auv_1")
+
+
 def test_a_pattern_finds_the_names_that_end_as_it_does(folder):
     """Whatever the format; the pattern of all files finds no texts and logs, which may be anything."""
     log = folder / "missions/auv_1/log.txt"
