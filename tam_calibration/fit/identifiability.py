@@ -157,11 +157,11 @@ def open_parameters(standard_errors: FloatArray, intensity_T: float) -> str:
 
 def _name_open(open_: np.ndarray) -> str:
     """Return the names of the parameters, by sensor, that a mask (K, 12) selects."""
-    groups: dict[tuple[int, ...], list[str]] = {}
+    groups: dict[tuple[int, ...], dict[str, None]] = {}
     for parameter, name in enumerate(PARAMETER_NAMES):
         sensors = tuple(int(sensor) + 1 for sensor in np.flatnonzero(open_[:, parameter]))
         if sensors:
-            groups.setdefault(sensors, []).append(name)
+            groups.setdefault(sensors, {})[name.rstrip(" θφψαβγ")] = None  # letters of the papers
     parts = []
     for sensors, names in groups.items():
         whose = "every sensor" if len(sensors) == len(open_) > 1 else f"sensor {', '.join(map(str, sensors))}"
@@ -233,7 +233,7 @@ def _worst(ratio: FloatArray) -> tuple[str, ...]:
     # The worst tell what to do.
     ordered = np.argsort(-largest)[: min(MOST_NAMED, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
-    times = [f"{ratio:.3g} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]
+    times = [f"{float(f'{ratio:.3g}'):g} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]
     return tuple(f"{_name_open(weak & own)} {each}" for each, own in zip(times, only, strict=True))
 
 

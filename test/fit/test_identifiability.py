@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.identifiability import find_weakness, require_accurate, require_determined
+from tam_calibration.fit.identifiability import find_weakness, open_parameters, require_accurate, require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -25,6 +25,13 @@ def turned(errors, rotation, noise_T=1e-9):
     count = len(readings)
     noise = noise_T * np.random.default_rng(5).standard_normal(readings.shape)
     return Recording(np.arange(count) * 0.1, readings + noise, np.full(count, np.linalg.norm(FIELD)))
+
+
+def test_open_parameters_have_names_that_need_no_paper():
+    """Angles by their kind; what has an axis by that."""
+    errors = np.zeros((2, 12))
+    errors[:, 3:7] = np.inf
+    assert open_parameters(errors, 5e-5) == "non-orthogonality, bias x of every sensor"
 
 
 def turn(axis, count=120):

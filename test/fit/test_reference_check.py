@@ -28,6 +28,12 @@ def test_a_magnet_beside_the_scalar_costs_its_precision_only(size_T):
     assert found.has_scalar_reference and worst(found) < 4
 
 
+def test_a_large_size_has_no_exponent():
+    """Nor more digits than are known."""
+    with pytest.raises(InputError, match="the scalar follows the direction of the field by 1500 nT, as near"):
+        calibrate(read_beside(circles(), 1, 1.5e-6 * np.array([0.6, -0.64, 0.48])), CROSS)
+
+
 def test_what_a_scalar_follows_may_be_accepted():
     """As where an effect of the vehicle, which sensors and scalar share, is taken off: then all of it is used."""
     recording = read_beside(circles(), 1, 150e-9 * np.array([0.6, -0.64, 0.48]))
