@@ -239,9 +239,9 @@ def fit_with_usage(
         return fit(samples)
     usage.require_enough()
     calibration = fit(samples)
-    warnings = (*usage.warnings(), *usage.interpolation_warnings(samples, calibration.array.vector_noise_T))
-    notes = (*usage.missing, *calibration.notes)
-    return replace(calibration, warnings=(*warnings, *calibration.warnings), notes=notes)
+    interpolated = usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
+    warnings = (*calibration.warnings, *usage.warnings(), *interpolated)
+    return replace(calibration, warnings=warnings, notes=(*usage.missing, *calibration.notes))
 
 
 def read_compared(

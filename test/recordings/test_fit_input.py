@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.fit import METHODS, calibrate
-from tam_calibration.messages.samples import Samples
+from tam_calibration.messages.samples import Samples, Usage
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, InterpolatedNoise, Recording
 from tam_calibration.recordings import read_pieces
 from tam_calibration.recordings.channel_map import Reading
-from tam_calibration.recordings.fit_input import RecordingStream, is_large, read_known_source
+from tam_calibration.recordings.fit_input import RecordingStream, fit_with_usage, is_large, read_known_source
 from tam_calibration.results import write_recording
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
@@ -158,6 +158,13 @@ def test_a_calibration_from_disk_is_that_from_memory(tumble, on_disk, method):
         other.coverage,
         other.warnings,
     )
+
+
+def test_what_the_fit_doubts_comes_before_what_was_lost(tumble):
+    """The numbers suffer more from it: it is the first reason of the answer."""
+    doubtful = replace(calibrate(*tumble), warnings=("biases are open",))
+    found = fit_with_usage(tumble[0], Usage(8, 10), lambda samples: doubtful)
+    assert found.warnings == ("biases are open", "only 8 of 10 samples of sensor 1 used")
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run"])
