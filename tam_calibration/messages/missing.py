@@ -13,10 +13,13 @@ from tam_calibration.model.exceptions import MOST_NAMED, InputError, first_at
 from tam_calibration.model.recording import FEWEST_SAMPLES
 from tam_calibration.model.units import FloatArray
 
-REASONS = ("there", "NaN or blank", "zero on all axes", "sentinels", "far outside the range of the others")
-"""Why a reading is missing, by its code; 0 of those that are there."""
+REASONS = (
+    *("damaged, not finite or without time", "NaN or blank", "zero on all axes", "sentinels"),
+    *("far outside the range of the others", "beyond what any sensor reads"),
+)
+"""Why a reading is missing, by its code; 0 of those that are there, and of messages that are lost with them."""
 
-_, NAN, ZERO, SENTINEL, FAR = range(len(REASONS))
+_, NAN, ZERO, SENTINEL, FAR, BEYOND = range(len(REASONS))
 
 HUGE = 1e30
 """In any unit: no field is so strong; drivers publish 1e300 for a reading that failed."""
@@ -151,7 +154,8 @@ class Missing:
         for stream, received in self.received.items():
             if self.of(stream) > MOST_MISSING * received:
                 reasons = "; ".join(self._sentence(*key) for key in self.counts if key[0] == stream)
-                hint = ": do these have another unit?" if 2 * self.counts[stream, FAR] > received else ""
+                far = self.counts[stream, FAR] + self.counts[stream, BEYOND]
+                hint = ": do these have another unit?" if 2 * far > received else ""
                 sentences[stream] = f"more than half of the readings of {in_words(stream)} are missing: {reasons}{hint}"
         return sentences
 
@@ -218,7 +222,7 @@ class LiveMissing(Missing):
         super().__init__()
         self._ranges: dict[str, _GrowingRange] = {}
 
-    def take(self, stream: str, raw: Sequence[float]) -> int:
+    def take(self, stream: str, raw: Sequence[float], is_beyond: bool = False) -> int:
         """Count a reading, and return the code of why it is missing; 0 where it is there.
 
         As `codes_of` and `Range` judge a recording; the range follows from the readings so far, from the 18th on.
@@ -227,14 +231,16 @@ class LiveMissing(Missing):
         ----------
         stream, raw
             As of `codes_of`: one reading.
+        is_beyond : bool
+            Whether no sensor reads so much: the range is that of the others.
         """
         if stream not in self._ranges:
             self._ranges[stream] = _GrowingRange(stream)
         self.received[stream] += 1
-        if _may_stand_for_none(raw):
-            code = int(codes_of(stream, np.array([raw]))[0])
+        if is_beyond or _may_stand_for_none(raw):
+            code = int(codes_of(stream, np.array([raw]))[0]) or BEYOND * is_beyond
         else:
-            code = FAR if self._ranges[stream].is_beyond(raw) else 0
+            code = FAR * self._ranges[stream].is_beyond(raw)
         if code:
             self.counts[stream, code] += 1
         return code

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tam_calibration.core.alternation import alternations
 from tam_calibration.core.interpolation import LARGEST_ERROR
 from tam_calibration.messages.cdr import COUNT
-from tam_calibration.messages.missing import MOST_MISSING
+from tam_calibration.messages.missing import MOST_MISSING, are
 from tam_calibration.messages.stream import InterpolatedStream, Losses, Stream, sensor_stream
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.mounting import Mounting, Turn
@@ -85,7 +85,7 @@ class Usage:
             How far the stamps of one may lag behind those of another, nanoseconds.
         """
         first = sensors[0]
-        own = _own_faults(first.losses)
+        own = _own_faults(first)
         reasons = [(count, f"{count} {fault}: look at the driver of {first.name}") for count, fault in own]
         reasons.append((first.losses.lost, f"{first.losses.lost} were lost on the way: look at the load"))
         newest = max(sensors, key=lambda stream: stream.timeline.newest_ns)
@@ -296,7 +296,7 @@ def why_lost(stream: Stream) -> str:
     stream : Stream
         Of a sensor or a channel.
     """
-    faults = [(count, fault) for count, fault in _own_faults(stream.losses) if count]
+    faults = [(count, fault) for count, fault in _own_faults(stream) if count]
     if sum(count for count, _ in faults) <= 0.5 * stream.losses.received:
         return ""
     zero = ": all its stamps are zero" if stream.timeline.newest_ns == 0 else ""
@@ -304,12 +304,13 @@ def why_lost(stream: Stream) -> str:
     return f"of {stream.losses.received} messages of {stream.name} {listed}{zero}"
 
 
-def _own_faults(losses: Losses) -> list[tuple[int, str]]:
+def _own_faults(stream: Stream) -> list[tuple[int, str]]:
+    losses = stream.losses
     return [
         (losses.duplicate, "repeat the stamp before"),
         (losses.late, "have stamps out of order"),
         (losses.implausible, "have false stamps"),
-        (losses.unusable, "are damaged, not finite or without time"),
+        *((count, are(code, count, stream.name)) for code, count in losses.faults.items()),
     ]
 
 

@@ -3,9 +3,9 @@
 A message has a key: its stamp, raised by more than any stamp with each epoch, so that one number orders all messages.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,8 +37,8 @@ class Losses:
         Of the duplicates, those with other values: they are another publisher's.
     implausible : int
         Messages whose stamp no other of the stream goes on from.
-    unusable : int
-        Messages that were damaged, or whose stamp or values are none.
+    faults : Counter of int
+        Messages that were damaged, or whose stamp or values are none, by the code of why (``missing.REASONS``).
     missing : int
         Samples for which the stream had no message in time: lost for a sensor, NaN for a channel.
     lost : int
@@ -51,9 +51,14 @@ class Losses:
     contradicting: int = 0
     late: int = 0
     implausible: int = 0
-    unusable: int = 0
     missing: int = 0
     lost: int = 0
+    faults: Counter[int] = field(default_factory=Counter)
+
+    @property
+    def unusable(self) -> int:
+        """Messages of which nothing can be used."""
+        return self.faults.total()
 
     @property
     def dropped(self) -> int:

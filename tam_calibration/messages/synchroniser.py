@@ -171,7 +171,7 @@ class Synchroniser:
         if stamp_ns is not None and stream in self._delays_ns:
             stamp_ns -= self._delays_ns[stream]
             if stamp_ns < 0:  # read before the clock of a simulation began
-                state.losses.unusable += 1
+                state.losses.faults[0] += 1
                 return []
         if stamp_ns is None or state.timeline.advances(stamp_ns):
             is_stored, is_step = self._admit(state, stamp_ns, values), False
@@ -180,7 +180,7 @@ class Synchroniser:
         is_waiting_over = self._waits_for is state or is_step or self._is_overdue(self._waits_for)
         return self._complete() if is_stored and is_waiting_over else []
 
-    def refuse(self, stream: str, count: int = 1) -> None:
+    def refuse(self, stream: str, count: int = 1, code: int = 0) -> None:
         """Count messages that cannot be used.
 
         Parameters
@@ -189,10 +189,12 @@ class Synchroniser:
             As in `push`.
         count : int
             How many there are.
+        code : int
+            Why, as in ``missing.REASONS``.
         """
         losses = self._streams[stream].losses
         losses.received += count
-        losses.unusable += count
+        losses.faults[code] += count
 
     def flush(self) -> list[Sample]:
         """Return the samples that still waited for messages: there will be none."""

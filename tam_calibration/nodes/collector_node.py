@@ -23,6 +23,7 @@ from tam_calibration.messages.stream import SILENCE_NS, sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import Run, StampFigures
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.geomagnetic_field import STRONGEST_FIELD_T
 from tam_calibration.model.limits import SHORTEST_ATTITUDE, largest_of
 from tam_calibration.model.recording import RATE_COLUMNS
 from tam_calibration.model.units import to_nanotesla
@@ -33,6 +34,7 @@ from tam_calibration.nodes.node_parameters import REAL_TIME, SHARED, Rule
 from tam_calibration.nodes.session import precede
 from tam_calibration.nodes.topics import RELIABLE_STREAM, STREAM, cloud_writer, make_cloud, message_class, to_stamp
 from tam_calibration.recordings.channel_map import AS_IT_IS, Pick
+from tam_calibration.recordings.intake import is_of_field
 
 _SCALAR_TOPIC = CHANNEL_TOPICS["scalar"]
 _SCALAR_TYPES = ("sensor_msgs/MagneticField", "std_msgs/Float64")
@@ -258,12 +260,12 @@ class Collector(TamNode):
             stamp_ns = arrived_ns
         if stamp_ns is not None:
             self._stamps[stream].add(stamp_ns, arrived_ns)
-        if code := self._missing.take(stream, values):
-            raise InputError(f"a reading {are(code, 1, stream)}")
-        values = values if to_si is None else to_si(values)
-        largest = largest_of(stream)
-        if any(abs(value) > largest for value in values):
-            raise InputError(f"a value is infinite, or beyond {largest:g}")
+        raw, values = values, values if to_si is None else to_si(values)
+        largest = STRONGEST_FIELD_T if is_of_field(stream) else largest_of(stream)
+        if code := self._missing.take(stream, raw, any(abs(value) > largest for value in values)):
+            self.refuse(read.topic, f"a reading {are(code, 1, stream)}")
+            self._synchroniser.refuse(stream, code=code)
+            return
         if read.has_header:
             self._frames.check(stream, message)
         if stream == "attitude" and not any(abs(component) >= SHORTEST_ATTITUDE for component in values):

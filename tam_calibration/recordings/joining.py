@@ -222,7 +222,8 @@ class Joining:
             is_unusable |= stamps == NO_TIME
         usable = replace(messages, values=values)
         if is_unusable.any():
-            self._synchroniser.refuse(stream, int(is_unusable.sum()))
+            for code, count in enumerate(np.bincount(codes[is_unusable]).tolist()):
+                self._synchroniser.refuse(stream, count, code)
             usable = usable.take(~is_unusable)
         usable = usable.turned(self._turns[stream]) if stream in self._turns else usable
         if stream == "gyroscope":

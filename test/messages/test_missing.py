@@ -204,6 +204,17 @@ def test_an_array_that_rests_where_its_bias_takes_the_field_away_is_found_in_ran
     assert not codes[1250:].any() and 0 < np.count_nonzero(codes) < 250
 
 
+def test_what_no_sensor_reads_leaves_the_range_as_it_is():
+    """Even where most readings of a stream, the first ones, are of another unit."""
+    missing, raw = LiveMissing(), turned(48e-6, 600)
+    wrong = [missing.take("tam_1", tuple(1e9 * reading), True) for reading in raw]
+    assert set(wrong) == {FAR + 1}
+    (sentence,) = missing.mostly().values()
+    assert sentence.endswith("are beyond what any sensor reads: do these have another unit?")
+    assert not any(missing.take("tam_1", tuple(reading)) for reading in raw)
+    assert missing.take("tam_1", (1e-2, 0.0, 0.0)) == FAR and missing.take("current", (np.inf,), True) == FAR + 1
+
+
 def test_of_long_streams_few_readings_are_kept():
     """The range of a day needs no memory of it, and is the same."""
     missing, raw = LiveMissing(), turned(48_000, 20_000)

@@ -59,6 +59,19 @@ def test_below_half_is_refused(board, recording):
     assert '"used": 0, "received": 0' in board.bench.call("collector/usage").message
 
 
+def test_readings_in_another_unit_are_missing_from_the_first_on(board, recording):
+    """Neither coverage nor fit see them, be they the first of a run; the answer has one reason for them."""
+    wrong = replace(recording, readings_T=1e9 * recording.readings_T, time_s=recording.time_s - 1.0)
+    board.start_over()
+    for index in range(15):
+        board.publish(wrong, index)
+    board.go_on(recording.take(slice(0, COUNT)))
+    answer = board.ask("calibrate")
+    assert answer.success and answer.message.startswith("Good")
+    reason = "15 are beyond what any sensor reads: look at the driver of tam_1"
+    assert f"160 of 175 samples of sensor 1 used: {reason}" in answer.message and "damaged" not in answer.message
+
+
 def test_a_clock_that_differs_names_the_parameter(board, recording):
     """Where nothing is joined the reason is the stamps, not that no sample is stored."""
     board.start_over()
