@@ -36,6 +36,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.recording import BLOCK, SKETCH, SampleSource
+from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import FloatArray, to_nanotesla
 
 _MOST_ROUNDS = 5
@@ -137,7 +138,8 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
         raise InputError("the prior is the calibration of another array: use one of this array")
     first_s, last_s = recording.time_span_s
     begin_s, end_s = calibration.time_span_s
-    if has_date(first_s) and has_date(begin_s) and first_s <= end_s and begin_s <= last_s:
+    is_dated = has_date(first_s) and has_date(begin_s)
+    if (is_dated and first_s <= end_s and begin_s <= last_s) or _is_of(calibration, recording):
         raise InputError(
             "the prior was made from samples of the same time as the recording, which would count twice: "
             "take the calibration before it"
@@ -146,6 +148,17 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
         return prior
     temperature_C = mean_temperature(recording)
     return prior_of(calibration, (first_s + last_s) / 2, temperature_C, array.change_rates)
+
+
+def _is_of(calibration: Calibration, recording: SampleSource) -> bool:
+    """Return whether a calibration tells the times of a recording, and what its raw readings leave, to all digits."""
+    if recording.time_span_s != calibration.time_span_s:
+        return False
+    none = SensorErrors.none(recording.sensor_count)
+    found = measure_residuals(none, calibration.array, recording, calibration.intensity_T)
+    told, own = ([*each.sensor_intensity_T, *each.tensor_T_per_m] for each in (calibration.before, found))
+    # The six digits of a file.
+    return np.allclose(told, own, rtol=1e-5, atol=0, equal_nan=True)
 
 
 def _as_far_as_they_agree(

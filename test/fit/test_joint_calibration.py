@@ -18,6 +18,7 @@ from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
 from tam_calibration.model.units import from_degrees
+from tam_calibration.results import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.simulation import simulate
 from tam_calibration.simulation.conditions import AttitudeChannel, Manoeuvre
 
@@ -102,6 +103,17 @@ def test_the_same_samples_do_not_count_twice(wu_scenario, narrow, updated):
     """A prior of the time of the recording is refused."""
     with pytest.raises(InputError, match="would count twice"):
         calibrate(narrow, wu_scenario.array, prior=updated)
+
+
+def test_the_same_samples_do_not_count_twice_without_a_date(wu_scenario, wu_run):
+    """A prior from the file of the same recording is refused; one from another run of the same times is not."""
+    text = calibration_to_yaml(maximum_likelihood(wu_run.recording, wu_scenario.array))
+    prior = calibration_from_yaml(text, "pier.yaml")
+    with pytest.raises(InputError, match="would count twice: take the calibration before it"):
+        calibrate(wu_run.recording, wu_scenario.array, prior=prior)
+    other = simulate(replace(wu_scenario, seed=7)).recording
+    assert other.time_span_s == prior.time_span_s
+    assert calibrate(other, wu_scenario.array, prior=prior).quality.grade == "good"
 
 
 def test_what_is_no_prior_is_refused(wu_scenario, pier, narrow):
