@@ -214,27 +214,31 @@ class ScalarAgreement:
         Those whose residual exceeds a hundredth of the intensity.
     squares_T2 : float
         Sum of the squares of the residuals.
+    squares_T2_per_m2 : float
+        The same of the gradients.
     """
 
     samples: int = 0
     wrong: int = 0
     squares_T2: float = 0.0
+    squares_T2_per_m2: float = 0.0
 
-    def add(self, field_T: FloatArray, scalar_T: FloatArray) -> None:
+    def add(self, outputs: FloatArray, scalar_T: FloatArray) -> None:
         """Add samples.
 
         Parameters
         ----------
-        field_T : (N, 3) array
-            Corrected field at the centre, tesla; NaN where it is not determined.
+        outputs : (N, 3) or (N, 9) array
+            Corrected field at the centre, tesla, and gradient, T/m, where it counts; NaN where they are not determined.
         scalar_T : (N,) array
             Readings of the scalar magnetometer, tesla; NaN where there is none.
         """
-        residual = np.linalg.norm(field_T, axis=1) - scalar_T
+        residual = np.linalg.norm(outputs[:, :3], axis=1) - scalar_T
         is_known = np.isfinite(residual)
         self.samples += int(np.count_nonzero(is_known))
         self.wrong += int(np.count_nonzero(np.abs(residual[is_known]) > WRONG_PART * scalar_T[is_known]))
         self.squares_T2 += float(np.sum(residual[is_known] ** 2))
+        self.squares_T2_per_m2 += float(np.nansum(outputs[is_known, 3:] ** 2))
 
     @property
     def residual_T(self) -> float:
@@ -246,8 +250,22 @@ class ScalarAgreement:
         """Whether most samples are off by more than any use of this calibration makes them."""
         return 2 * self.wrong > self.samples
 
+    @property
+    def gradient_T_per_m(self) -> float:
+        """Root mean square of the length of the gradient, T/m; NaN where there is none."""
+        return float(np.sqrt(self.squares_T2_per_m2 / self.samples)) if self.samples else np.nan
+
+    def _is_near_source(self, calibration: Calibration) -> bool:
+        """Whether the gradient is as large as a source makes it whose field bends by the residual."""
+        size_m = float(np.linalg.norm(calibration.array.positions_m, axis=1).max())
+        # A bias that moves makes four residuals of it over the array; a source at three times its size 40.
+        return size_m * self.gradient_T_per_m > 10.0 * self.residual_T
+
     def is_doubtful(self, calibration: Calibration) -> bool:
-        """Whether the residual is larger than the calibration left it."""
+        """Whether the residual is larger than the calibration left it, and no source near explains that."""
+        return self._exceeds(calibration) and not self._is_near_source(calibration)
+
+    def _exceeds(self, calibration: Calibration) -> bool:
         least_T = max(calibration.floor.center_intensity_T, calibration.in_sample.center_intensity_T)
         # Residual over the noise floor, or over what the fit left, above which a new calibration is advised.
         return self.residual_T > 3.0 * least_T
@@ -258,4 +276,9 @@ class ScalarAgreement:
         compared = f"|B| − scalar is {to_nanotesla(self.residual_T):.3g} nT, noise floor {floor_nT:.3g} nT"
         if self.is_wrong:
             return f"{compared}: the calibration is not of this array, or a sensor or the scalar has another unit"
-        return f"{compared}: calibrate again" if self.is_doubtful(calibration) else compared
+        if not self._exceeds(calibration):
+            return compared
+        if not self._is_near_source(calibration):
+            return f"{compared}: calibrate again"
+        gradient = f"a gradient of {to_nanotesla(self.gradient_T_per_m):.3g} nT/m"
+        return f"{compared}, in {gradient}: near a source they do not compare; away from any, calibrate again"

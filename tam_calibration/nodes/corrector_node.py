@@ -168,7 +168,7 @@ class Corrector(CalibratedNode):
                 for index, own in zip(run, batch.standard_errors, strict=True):
                     errors[index] = own
         if has_scalar:
-            self._lengths.append((outputs[:, :3], scalar))
+            self._lengths.append((outputs, scalar))
         self._newest_s = float(rows.values[-1, 0])
         self._corrected += len(outputs)
         centers = {}
