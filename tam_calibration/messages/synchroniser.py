@@ -227,7 +227,9 @@ class Synchroniser:
         stream.losses.implausible = timeline.given_up
         is_step = len(believed) > 1
         if is_step and self._is_first_to_step(stream, believed[0][0]):
-            self.steps.append(StampStep(stream.name, timeline.jump_ns))
+            ahead_ns = stamp_ns - (self._newest - self._epoch * EPOCH)
+            is_pause = 0 < ahead_ns < 2 * (self._now_ns - self._newest_at_ns)
+            self.steps.append(StampStep(stream.name, timeline.jump_ns, is_pause))
         is_stored = [self._admit(stream, *message) for message in believed]
         if is_step:
             self._release()

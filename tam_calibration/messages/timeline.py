@@ -30,7 +30,7 @@ Content = TypeVar("Content")
 
 
 class StampStep(NamedTuple):
-    """A step of the stamps of a stream.
+    """A step of the stamps of a stream, or a pause of its messages.
 
     Parameters
     ----------
@@ -38,10 +38,20 @@ class StampStep(NamedTuple):
         Its name.
     size_ns : int
         How much later the stamps are than if they had gone on, nanoseconds; negative when they stepped back.
+    is_pause : bool
+        Whether the messages came later too.
     """
 
     stream: str
     size_ns: int
+    is_pause: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """The step and its cause, or the pause, for people."""
+        if self.is_pause:
+            return f"no messages of {self.stream} for {self.size_ns / 1e9:.1f} s"
+        return f"{self}: a clock was set or a driver started anew, the run is kept"
 
     def __str__(self) -> str:
         """Return the step as a clause for people."""

@@ -289,8 +289,8 @@ class Collector(TamNode):
                 gap_s = step.size_ns / 1e9
                 self._step = f"{lost} messages of {step.stream} were lost on the way, {gap_s:.3g} s: look at the load"
             else:
-                self._step = f"{step}: a clock was set or a driver started anew, the run is kept"
-                self._steps += 1
+                self._step = step.sentence
+                self._steps += not step.is_pause
             self.get_logger().warning(self._step)
         self._stepped_s = time.monotonic()
         synchroniser.steps.clear()

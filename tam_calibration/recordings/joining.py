@@ -200,7 +200,7 @@ class Joining:
         """Log the steps of clocks, and what was lost."""
         synchroniser = self._synchroniser
         for step in synchroniser.steps:
-            log.warning("%s: a clock was set or a driver started anew, the run is kept", step)
+            log.warning(step.sentence)
         if any(losses.dropped or losses.missing or losses.unusable for losses in synchroniser.losses.values()):
             log.warning(synchroniser.explain_losses())
 

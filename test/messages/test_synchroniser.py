@@ -201,6 +201,19 @@ def test_a_step_costs_interpolated_sensors_four_samples(step_ns):
     assert synchroniser.steps == [StampStep("tam_1", step_ns)]
 
 
+@pytest.mark.parametrize("gap_ns", [0, 1000 * MS, 4000 * MS])
+def test_a_pause_of_all_streams_is_no_step_of_the_clock(gap_ns):
+    """Stamps that go on as late as their messages arrive are right; a clock that is set goes on at once."""
+    synchroniser = Synchroniser(SampleLayout(2), MS)
+    for name, stamp_ns, values in steady(SampleLayout(2), 1000, start=START):
+        paused_ns = (stamp_ns >= START + 500 * PERIOD) * 1000 * MS
+        arrived_ns = stamp_ns + MS + (paused_ns and gap_ns)
+        synchroniser.push(name, stamp_ns + paused_ns, values, arrived_ns)
+    assert synchroniser.steps == [StampStep("tam_1", 1000 * MS, gap_ns > 0)]
+    told = "no messages of tam_1 for 1.0 s" if gap_ns else "the stamps of tam_1 stepped ahead by 1 s: a clock was set"
+    assert synchroniser.steps[0].sentence.startswith(told)
+
+
 def test_a_step_is_told_in_words():
     """With stream, direction and size."""
     assert str(StampStep("tam_1", -300 * MS)) == "the stamps of tam_1 stepped back by 0.3 s"

@@ -1,6 +1,7 @@
 """Stamps that step and stamps that are false: the nodes as processes keep the run, and say what happened."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -71,7 +72,9 @@ def test_a_step_of_the_clock_keeps_the_run(board, recording, step_s):
         told.extend([status] * ("stepped" in status.message))
         return told and figures["samples"] == "240"
 
-    board.bench.play(replace(later, time_s=later.time_s + step_s), board.publish, board.samples)
+    board.bench.play(later.take(slice(0, 20)), board.publish, board.samples)
+    stepped = later.take(slice(20, 120))  # its messages come without a pause
+    board.bench.play(replace(stepped, time_s=stepped.time_s + step_s), board.publish, board.samples)
     _, figures = board.bench.health("collector", is_told, "the step is told")
     direction = "back" if step_s < 0 else "ahead"
     assert f" stepped {direction} by {abs(step_s):g} s" in told[0].message
@@ -81,6 +84,17 @@ def test_a_step_of_the_clock_keeps_the_run(board, recording, step_s):
     stored(board.bench, 240)
     answer = board.ask("calibrate")
     assert answer.success and "240 samples" in answer.message, answer.message
+
+
+def test_a_pause_is_no_step_of_the_clock(board, recording):
+    """Where all drivers stop for a while, and stamps go on with the clock, nobody set it."""
+    board.play(recording.take(slice(0, 120)))
+    stopped_s = time.monotonic()
+    board.bench.spin_until(lambda: time.monotonic() > stopped_s + 0.5, "the drivers go on")
+    later = recording.take(slice(120, 240))
+    board.go_on(replace(later, time_s=later.time_s + time.monotonic() - stopped_s))
+    _, figures = board.bench.health("collector", lambda status, _: "no messages of tam_1 for" in status.message, "told")
+    assert figures["steps"] == "0" and figures["last_step"].startswith("no messages of tam_1 for ")
 
 
 FALSE = {
