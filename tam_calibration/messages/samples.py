@@ -330,6 +330,8 @@ def _why_missing(stream: Stream, first: Stream, newest: Stream, patience_ns: int
     ahead_ns = stream.timeline.newest_ns - first.timeline.newest_ns
     if ahead_ns > limit_ns:
         return f"{lacking}, whose newest stamp is {ahead_ns / 1e9:.3g} s ahead of that of {first.name}: that {advice}"
+    if 2 * losses.silent > losses.missing:
+        return f"{lacking}, which was silent in {losses.silent} of them: check sensor, cable and driver"
     why = f"{losses.lost} were lost on the way" if losses.lost else "they have gaps, or come too late"
     return f"{lacking}, of which {losses.received} messages came: {why}; look at the load"
 

@@ -41,6 +41,8 @@ class Losses:
         Messages that were damaged, or whose stamp or values are none, by the code of why (``missing.REASONS``).
     missing : int
         Samples for which the stream had no message in time: lost for a sensor, NaN for a channel.
+    silent : int
+        Of these samples, those that went on without the stream, as a sensor was silent.
     lost : int
         Messages that were published but never arrived.
     """
@@ -52,6 +54,7 @@ class Losses:
     late: int = 0
     implausible: int = 0
     missing: int = 0
+    silent: int = 0
     lost: int = 0
     faults: Counter[int] = field(default_factory=Counter)
 

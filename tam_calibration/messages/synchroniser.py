@@ -353,6 +353,10 @@ class Synchroniser:
                 samples.append(self._join(key, values, partners))
                 self.delivered += is_whole
                 self.partial += not is_whole
+                if not is_whole:
+                    first.losses.silent += pace is not first
+                    for stream, message in zip(self._partners, partners, strict=False):
+                        stream.losses.silent += message is None
             else:
                 first.losses.unmatched += pace is first
                 self._forget(key)

@@ -24,6 +24,7 @@ from tam_calibration.messages.point_cloud import layout_of
 from tam_calibration.messages.samples import Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.libraries import require
+from tam_calibration.model.recording import FEWEST_SAMPLES
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work
 from tam_calibration.nodes.calibrated import figures, introduce
 from tam_calibration.nodes.calibrator_state import KEPT, SAVE_S, UPDATED, KeptSamples, LiveUpdate
@@ -249,13 +250,23 @@ class Calibrator(TamNode):
         )
 
     def _usage(self) -> Usage:
-        """Ask the collector how many of sensor 1's samples it used; where none answers, of none."""
+        """Ask the collector how many of sensor 1's samples it used; where none answers, of none.
+
+        Raises
+        ------
+        Refused
+            When a run has just begun: sensors that are interpolated join no sample yet.
+        """
         answered = Event()
         if self._collector.service_is_ready():
             future = self._collector.call_async(Trigger.Request())
             future.add_done_callback(lambda _: answered.set())
             if answered.wait(2.0):  # seconds
-                return Usage.from_json(future.result().message)
+                usage = Usage.from_json(future.result().message)
+                count = max(usage.readings, default=0)
+                if 0 < count < FEWEST_SAMPLES and len(self._store) < FEWEST_SAMPLES:
+                    raise Refused(f"just started: {count} readings of each sensor have come, keep turning")
+                return usage
         return Usage(0, 0)
 
     def _go_on(self, stage: str, done: float) -> None:

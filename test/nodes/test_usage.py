@@ -59,6 +59,17 @@ def test_below_half_is_refused(board, recording):
     assert '"used": 0, "received": 0' in board.bench.call("collector/usage").message
 
 
+def test_a_run_that_has_just_begun_is_no_fault_of_the_load(board, recording):
+    """Too few readings have come to join any: the answer is to go on."""
+    board.start_over()
+    for index in range(3):
+        board.others(recording, index)
+    board.bench.health("collector", lambda _, figures: figures.get("tam_1.received") == "3", "they have come")
+    answer = board.ask("calibrate")
+    told = "just started: 3 readings of each sensor have come, keep turning"
+    assert not answer.success and answer.message == told
+
+
 def test_readings_in_another_unit_are_missing_from_the_first_on(board, recording):
     """Neither coverage nor fit see them, be they the first of a run; the answer has one reason for them."""
     wrong = replace(recording, readings_T=1e9 * recording.readings_T, time_s=recording.time_s - 1.0)
