@@ -192,6 +192,7 @@ class TamNode(AnsweringNode):
         take_name(self.get_fully_qualified_name(), self.context.get_domain_id())
         self._unusable, self._unusable_reported = Counter[str](), Counter[str]()
         self._last_problem: dict[str, str] = {}
+        self._level: bytes = STALE
         self._diagnostics = self.create_publisher(DiagnosticArray, _DIAGNOSTICS, 10)
         self.create_steady_timer(1.0, self._publish_health)
         self._array = node_parameters.array_of(self)
@@ -267,14 +268,21 @@ class TamNode(AnsweringNode):
         return SetParametersResult(successful=True)
 
     def _publish_health(self) -> None:
-        if not self._diagnostics.get_subscription_count():
-            return
+        """Publish the health, and log each change of its level."""
         health = self.health()
         self._add_unusable(health)
         if problems := self._problems_of_types():
             health.level, health.message = ERROR, "; ".join([*problems, health.message])
         if problem := self._problem_of_twin():
             health.level, health.message = ERROR, problem
+        if health.level != self._level:
+            is_well, self._level = health.level in (OK, STALE), health.level
+            if is_well:  # a logger has one severity at each place
+                self.get_logger().info(health.message)
+            else:
+                self.get_logger().warning(health.message)
+        if not self._diagnostics.get_subscription_count():
+            return
         values = health.values | self._peers()
         if self._unknown_parameters:
             values["unknown_parameters"] = " ".join(self._unknown_parameters)

@@ -43,7 +43,12 @@ class CalibratedNode(TamNode):
     def take_calibrations(self) -> str:
         """Take that of the file, then each that comes; return what is to be said of the first at the start."""
         path: str = self.value("calibration_file")
-        self._load(path)
+        if path and not Path(path).exists():
+            raise InputError(
+                f"{path} does not exist: leave calibration_file out, then it comes over the topic calibration"
+            )
+        if path:
+            self._switch(read_calibration(Path(path)))
         self.on_change({"calibration_file": self._load})
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
         return introduce(self._calibration, path, self.now_s)
@@ -54,15 +59,20 @@ class CalibratedNode(TamNode):
 
     def _load(self, path: str) -> None:
         if path:
-            self._switch(read_calibration(Path(path)))
+            self._adopt(read_calibration(Path(path)), path)
 
     def _take_calibration(self, message: String) -> None:
         """Take a calibration that can be used; the next sample is the first that it corrects."""
+        topic = self.resolve_topic_name("calibration")
         try:
-            self._switch(calibration_from_yaml(message.data, self.resolve_topic_name("calibration")))
+            self._adopt(calibration_from_yaml(message.data, topic), f"from {topic}")
         except InputError as problem:
             self._problem_of_calibration = str(problem)
             self.get_logger().warning(self._problem_of_calibration)
+
+    def _adopt(self, calibration: Calibration, origin: str) -> None:
+        self._switch(calibration)
+        self.get_logger().info(introduce(calibration, origin, self.now_s))
 
     def _switch(self, calibration: Calibration) -> None:
         if not calibration.is_of(self._array):
@@ -85,7 +95,9 @@ def introduce(calibration: Calibration | None, path: str, now_s: float) -> str:
     """
     if calibration is None:
         return f"no calibration: {path} is not there yet" if path else "no calibration"
-    return f"calibration {path}, {_tell_age(_age_s(calibration, now_s))}: {calibration.quality}"
+    age_s = _age_s(calibration, now_s)
+    age = "of unknown age" if age_s is None else f"{duration(age_s)} old"
+    return f"calibration {path}, {age}: {calibration.quality}"
 
 
 def figures(calibration: Calibration | None, now_s: float) -> dict[str, object]:
@@ -119,7 +131,8 @@ def _age_s(calibration: Calibration, now_s: float) -> float | None:
     return age if 0 <= age < 20 * 365 * DAY_S else None
 
 
-def _tell_age(age_s: float | None) -> str:
-    if age_s is None:
-        return "of unknown age"
-    return f"{age_s / 3600:.1f} h old" if age_s < 2 * DAY_S else f"{age_s / DAY_S:.0f} days old"
+def duration(time_s: float) -> str:
+    """Return a time in words: seconds, hours or days."""
+    if time_s < 600:
+        return f"{time_s:.0f} s"
+    return f"{time_s / 3600:.1f} h" if time_s < 2 * DAY_S else f"{time_s / DAY_S:.0f} days"

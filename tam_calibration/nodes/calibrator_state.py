@@ -18,6 +18,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import OK, WARN, TamNode
+from tam_calibration.nodes.calibrated import duration
 from tam_calibration.nodes.node_parameters import Rule
 from tam_calibration.recordings.array_yaml import array_to_mapping
 from tam_calibration.results import calibration_from_yaml, calibration_to_yaml
@@ -107,11 +108,15 @@ class KeptSamples:
             return f"keeps samples in {self._file.path}"
         self.store.resume(samples)
         age_s = self._node.now_s - samples[-1].stamp_ns / 1e9
-        return f"goes on with {len(samples)} samples of {self._file.path}, the last of {age_s:.0f} s ago"
+        return f"goes on with {len(samples)} samples of {self._file.path}, the last of {duration(age_s)} ago"
 
     def save(self) -> None:
         """Save what has changed."""
         generation, samples = self.store.samples()
+        if self.store.discarded:
+            told = f"{self.store.discarded} samples of an earlier run are discarded"
+            self._node.get_logger().info(f"{told}: the new stamps do not go on from them")
+            self.store.discarded = 0
         if self._file is None or (generation, len(samples)) == (self._on_disk, self.saved):
             return
         try:

@@ -69,11 +69,16 @@ class SampleStore:
         Of the samples.
     capacity : int
         Greatest number of samples.
+
+    Attributes
+    ----------
+    discarded : int
+        Samples of a process that ended that were forgotten, as those that came did not follow them.
     """
 
     def __init__(self, layout: SampleLayout, capacity: int) -> None:
         self.layout, self._capacity = layout, capacity
-        self._lock, self._generation = Lock(), 0
+        self._lock, self._generation, self.discarded = Lock(), 0, 0
         self.start_over()
 
     def __len__(self) -> int:
@@ -126,6 +131,7 @@ class SampleStore:
     def _store(self, stamp_ns: int, row: FloatArray) -> None:
         if self._resumed_ns is not None and not 0 < stamp_ns - self._resumed_ns <= LONGEST_PAUSE_NS:
             self._run.start_over()
+            self.discarded = len(self._samples)
             self._forget()
         self._resumed_ns = None
         if self._run.begins_again(stamp_ns, self._readings(row)):

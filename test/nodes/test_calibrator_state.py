@@ -2,8 +2,10 @@
 
 import json
 import os
+import re
 import resource
 import signal
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -52,6 +54,20 @@ def test_a_calibrator_that_is_killed_is_taken_up_where_it_was(bench, recording, 
     rows = np.array([sample.row for sample in _content(path)])
     sent = recording.readings_T.reshape(-1, 12)
     assert_array_equal(rows[:, 1:13], np.concatenate([sent[:kept], sent[moment:]]))
+
+
+def test_samples_of_an_earlier_run_do_not_vanish_without_a_line(bench, recording, tmp_path):
+    """Those that come two hours later are another run: how many are discarded is logged."""
+    path = tmp_path / "samples"
+    first, samples, publish = with_fifty(bench, recording, path)
+    assert first.end_one("calibrator") == 0
+    second = bench.start_nodes(calibrator={"samples_file": path})
+    bench.connect(collector={"samples": 2})
+    bench.play(replace(recording, time_s=recording.time_s + 7200), publish, samples, last=20)
+    told = "50 samples of an earlier run are discarded"
+    bench.spin_until(lambda: told in second.log("calibrator"), "it is told")
+    assert re.search(r"goes on with 50 samples of .*, the last of \d+ days ago", second.log("calibrator"))
+    bench.stored(20)
 
 
 def test_a_reset_holds_on_disk(bench, recording, tmp_path):

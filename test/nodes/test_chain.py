@@ -225,13 +225,16 @@ def test_losses_are_counted(board, recording):
 
 
 def test_other_scalar_type_is_told(bench, recording):
-    """A scalar of the other message type is not silently missed."""
-    bench.start_nodes(collector={})
+    """A scalar of the other message type is not silently missed: /diagnostics and the log name it."""
+    children = bench.start_nodes(collector={})
     publisher = bench.node.create_publisher(std_msgs.Float64, "scalar/intensity", 10)
     bench.stream(recording, [bench.publish_sensors(scalar=False)])
     status, _ = bench.health("collector", lambda status, _: "std_msgs/Float64" in status.message, "the type is told")
     assert "scalar_type:=std_msgs/Float64" in status.message
     assert "scalar/intensity is published as std_msgs/msg/Float64, not sensor_msgs/msg/MagneticField" in status.message
+    told = "]: scalar/intensity is published as std_msgs/msg/Float64"
+    lines = [line for line in children.log("collector").splitlines() if told in line]
+    assert len(lines) == 1 and "[WARN]" in lines[0]
     bench.node.destroy_publisher(publisher)
 
 

@@ -52,7 +52,10 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(bench, tmp_path):
         ("collector", "scalar_type:=std_msgs/Int32"): "is not one of: sensor_msgs/MagneticField, std_msgs/Float64",
         ("calibrator", "method:=magic"): "is not one of: maximum_likelihood",
         ("calibrator", "array_file:=/array.yaml"): "/array.yaml",
-        ("corrector", "calibration_file:=/calibration.yaml"): "/calibration.yaml",
+        (
+            "corrector",
+            "calibration_file:=/calibration.yaml",
+        ): "/calibration.yaml does not exist: leave calibration_file out",
         ("collector", "qos_overrides./samples.publisher.depth:=-1"): "must be an integer from 1 to 1000000, not -1",
         ("localizer", "qos_overrides./source_pose.publisher.durability:=5"): "must be one of volatile, transient_local",
         ("localizer", "index:=0.0"): "Max: 10.0, value: 0.0: index",

@@ -131,11 +131,13 @@ def test_a_corrector_loads_at_run_time(bench, recording, cross, tmp_path):
     """A file that cannot be read is refused with the reason; one that can is in force."""
     path = tmp_path / "calibration.yaml"
     write_calibration(path, calibrate(recording, cross))
-    bench.start_nodes(corrector={})
+    children = bench.start_nodes(corrector={})
     missing = str(tmp_path / "none.yaml")
     assert f"{missing} cannot be read" in bench.set_parameter("corrector", "calibration_file", missing)
     assert bench.set_parameter("corrector", "calibration_file", str(path)) == ""
     bench.health("corrector", lambda _, figures: figures.get("calibration") == "maximum_likelihood", "it is loaded")
+    told = re.escape(f"calibration {path}, ") + r"\d+ days old: Good: tensor residual"
+    bench.spin_until(lambda: re.search(told, children.log("corrector")), "it is logged")
 
 
 def test_what_is_refused_can_be_accepted(board, recording):
