@@ -47,6 +47,9 @@ def _run(*names: str) -> int:
     int
         The exit code: 0 when the nodes were told to end, 2 when a parameter or file is not usable (said on stderr).
     """
+    if not {"-h", "--help"}.isdisjoint(sys.argv):
+        print(f"Runs {' and '.join(names)} until Ctrl-C. Parameters: --ros-args -p name:=value, or --params-file FILE.")
+        return 0
     ending = Ending(exit_code=0)
     use_one_thread()
     try:

@@ -75,6 +75,14 @@ def test_unusable_parameter_ends_the_node_with_a_sentence(bench, tmp_path):
         assert error.startswith("tam: ") and sentence in error
 
 
+@pytest.mark.parametrize(("name", "nodes"), [("localizer", "Localizer"), ("stream", "Collector and Corrector")])
+def test_help_starts_no_node(name, nodes):
+    """It is a line on what runs, and how parameters are given."""
+    done = subprocess.run([sys.executable, *START, name, "--help"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"Runs {nodes} until Ctrl-C. Parameters: --ros-args -p name:=value")
+
+
 def test_unusable_arguments_end_the_node_with_a_sentence(bench, tmp_path):
     """A file of parameters that is not there, or whose aliases ROS does not take, is not a traceback."""
     parameters = tmp_path / "aliases.yaml"
