@@ -276,8 +276,8 @@ class TamNode(AnsweringNode):
         if problem := self._problem_of_twin():
             health.level, health.message = ERROR, problem
         if health.level != self._level:
-            is_well, self._level = health.level in (OK, STALE), health.level
-            if is_well:  # a logger has one severity at each place
+            self._level = health.level
+            if health.level in (OK, STALE):  # a logger has one severity at each place
                 self.get_logger().info(health.message)
             else:
                 self.get_logger().warning(health.message)

@@ -43,11 +43,11 @@ class CalibratedNode(TamNode):
     def take_calibrations(self) -> str:
         """Take that of the file, then each that comes; return what is to be said of the first at the start."""
         path: str = self.value("calibration_file")
-        if path and not Path(path).exists():
-            raise InputError(
-                f"{path} does not exist: leave calibration_file out, then it comes over the topic calibration"
-            )
         if path:
+            if not Path(path).exists():
+                raise InputError(
+                    f"{path} does not exist: leave calibration_file out, then it comes over the topic calibration"
+                )
             self._switch(read_calibration(Path(path)))
         self.on_change({"calibration_file": self._load})
         self.create_subscription(String, "calibration", self._take_calibration, LATCHED)
