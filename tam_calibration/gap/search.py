@@ -313,7 +313,7 @@ class _CauseSearch:
 
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
-        base, tried = self._model.base(), list[Evidence]()
+        base = self._model.base()
         for offers in self._offers.of(base, law, self._steps):
             possible = candidates(base, offers, law.signature)
             for number, one in enumerate(possible):
@@ -326,13 +326,12 @@ class _CauseSearch:
                         if _is_near(other, one) and self._left_by([other], law, others) is not None
                     ]
                     return self._accept([one], left, law, as_good)
-            tried += possible
-        for one in tried:
-            chain = [one]
-            while (again := self._repeated(chain, law)) is not None:
-                chain.append(again)
-                if (left := self._left_by(chain, law, others)) is not None:
-                    return self._accept(chain, left, law, ())
+            for one in possible:
+                chain = [one]
+                while (again := self._repeated(chain, law)) is not None:
+                    chain.append(again)
+                    if (left := self._left_by(chain, law, others)) is not None:
+                        return self._accept(chain, left, law, ())
         return None
 
     def _left_by(self, chain: Sequence[Evidence], law: Law, others: Sequence[Law]) -> Residual | None:
