@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
 from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
-from tam_calibration.gap.laws.evidence import Bins, Normal
+from tam_calibration.gap.laws.evidence import Bins
 from tam_calibration.gap.laws.law import SCALAR, Course, Place
 from tam_calibration.gap.laws.patterns import Candidate, changed_own_field, switched_gains
 from tam_calibration.gap.laws.sensors import in_its_sensors
@@ -271,7 +271,7 @@ def _simplest(first: Candidate, tried: list[Candidate]) -> Candidate:
 def _two(
     residual: Residual, tried: list[Candidate], free: Candidate, again: Repeats | None
 ) -> tuple[Candidate, Candidate] | None:
-    """Return two laws that have more evidence together than one with a free course; None where there are none.
+    """Return two laws, the first of which has more evidence beside the second than one with a free course; else None.
 
     A free course, of a gain above all, imitates the sum of two laws of a sensor.
 
@@ -294,7 +294,8 @@ def _two(
             strongest[one.pattern.law] = one
     for one in list(strongest.values())[:2]:
         second = _beside(residual, one)
-        if _together(residual, one, second) > free.evidence + TIE:
+        rest = residual.without(second.signal(residual, residual.without(one.signal(residual, residual))))
+        if one.fitted(rest).evidence > free.fitted(rest).evidence + TIE:
             return _beside(residual, second), second
     return None
 
@@ -309,17 +310,6 @@ def _beside(residual: Residual, law: Candidate) -> Candidate:
 def _is_simple(one: Candidate) -> bool:
     """Say whether a law has constant coefficients, or steps a few times."""
     return one.bins is None or one.course == "step"
-
-
-def _together(residual: Residual, first: Candidate, second: Candidate) -> float:
-    """Return the evidence of two laws that are fitted together."""
-    rows = np.union1d(first.pattern.rows, second.pattern.rows)
-    parts = []
-    for one in (first, second):
-        own = one.features(residual)
-        parts.append(np.zeros((residual.count, len(rows), own.shape[2])))
-        parts[-1][:, np.searchsorted(rows, one.pattern.rows)] = own
-    return Normal.of(np.concatenate(parts, axis=2), residual.of_rows(rows)).fit().evidence
 
 
 def _of_fewest_axes(best: Candidate, tried: list[Candidate]) -> Candidate:

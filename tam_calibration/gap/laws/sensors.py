@@ -8,8 +8,10 @@ import numpy as np
 from tam_calibration.effects.grades import MOST, NEGLIGIBLE
 from tam_calibration.gap.laws.candidates import held
 from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, TIE
+from tam_calibration.gap.laws.evidence import Bins
 from tam_calibration.gap.laws.law import SCALAR
-from tam_calibration.gap.laws.patterns import Candidate, Pattern, in_every_sensor, sensor_rows
+from tam_calibration.gap.laws.patterns import Candidate, Pattern, in_every_sensor, in_sensor, sensor_rows
+from tam_calibration.gap.laws.states import steps
 from tam_calibration.gap.laws.whitened import Residual
 
 _Fitted = Callable[[Sequence[int]], Candidate]
@@ -35,21 +37,24 @@ def in_its_sensors(residual: Residual, law: Candidate) -> Candidate:
         return Candidate(_in(every, sensors), law.course, normal.part(columns).fit().evidence)
 
     all_of_them = range(1, residual.sensor_count + 1)
-    first = int(law.pattern.sensors[0])
-    best = _in_fewer(of(all_of_them), of) if len(law.pattern.sensors) > 1 else _in_more(residual, of([first]), of)
+    if len(law.pattern.sensors) > 1:
+        best = _in_fewer(residual, of(all_of_them), of)
+    else:
+        best = _in_more(residual, of([int(law.pattern.sensors[0])]), of)
     if 1 < len(best.pattern.sensors) == residual.sensor_count - 1:
         # Only differences between sensors are seen: what all have, all but one can have as well.
         best = of(all_of_them)
     return law if best.pattern.sensors == law.pattern.sensors else best
 
 
-def _in_fewer(best: Candidate, of: _Fitted) -> Candidate:
+def _in_fewer(residual: Residual, best: Candidate, of: _Fitted) -> Candidate:
     """Return a law without the sensors that do not count."""
     while len(sensors := _sensors_of(best)) > 1:
-        fewer = max((of([one for one in sensors if one != left]) for left in sensors), key=lambda one: one.evidence)
-        if _counts(fewer, best, TIE):
+        fewer = {one: of([other for other in sensors if other != one]) for one in sensors}
+        left = max(sensors, key=lambda one: fewer[one].evidence)
+        if _counts(residual, fewer[left], best, left, TIE):
             break
-        best = fewer
+        best = fewer[left]
     return best
 
 
@@ -59,7 +64,7 @@ def _in_more(residual: Residual, best: Candidate, of: _Fitted) -> Candidate:
     while others := [one for one in every_sensor if one not in _sensors_of(best)]:
         more = {one: of(sorted([*_sensors_of(best), one])) for one in others}
         added = max(others, key=lambda one: more[one].evidence)
-        if not _counts(best, more[added], LEAST_EVIDENCE):
+        if not _counts(residual, best, more[added], added, LEAST_EVIDENCE):
             break
         left = held(residual.without(best.signal(residual, residual)), added)
         if 2 * (more[added].evidence - best.evidence) < MOST * left:
@@ -68,10 +73,14 @@ def _in_more(residual: Residual, best: Candidate, of: _Fitted) -> Candidate:
     return best
 
 
-def _counts(fewer: Candidate, more: Candidate, least: float) -> bool:
-    """Say whether one more sensor has the least evidence, and more than what errors of a law elsewhere leave."""
+def _counts(residual: Residual, fewer: Candidate, more: Candidate, sensor: int, least: float) -> bool:
+    """Say whether one more sensor has the least evidence, more than what errors of a law elsewhere leave or a step."""
     gain, each = more.evidence - fewer.evidence, more.evidence / len(more.pattern.sensors)
-    return gain > max(least, NEGLIGIBLE * each)
+    if gain <= max(least, NEGLIGIBLE * each):
+        return False
+    rest, bins = residual.without(fewer.signal(residual, residual)), Bins.of_time(residual.time_s)
+    own = [one for one in in_sensor(residual, sensor) if one.law == more.pattern.law]
+    return all(next(steps(one, one.sums(rest, bins), bins)).evidence <= gain + TIE for one in own)
 
 
 def _sensors_of(law: Candidate) -> list[int]:
