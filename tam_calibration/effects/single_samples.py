@@ -336,6 +336,7 @@ class StaleSamples(DisplacedEffect):
         """Return how often and how long readings are stale, and by how much: a value is held, or packets are late."""
         against = AgainstOthers(residuals, sensor)
         back = _ways_back(against.expected_T, residuals.covariates.stretches)
+        back = np.concatenate([back, _held(residuals.recording.readings_T[:, sensor], against.expected_T)[None]])
         which = against.displaced(back)
         samples = np.flatnonzero(which >= 0)
         if not 0 < len(samples) < MOST * len(which):
@@ -345,7 +346,7 @@ class StaleSamples(DisplacedEffect):
         # A held value ages by a sample with each that repeats it.
         starts = samples[np.diff(samples, prepend=-2) > 1]
         since = samples - starts[np.searchsorted(starts, samples, side="right") - 1]
-        is_held = np.sum(late == since + 1) > len(samples) / 2
+        is_held = np.sum((late == since + 1) | (late > LATEST)) > len(samples) / 2
         values, errors = bursts_of(which >= 0)
         values["samples late"] = 1.0 if is_held else float(np.median(late))
         part = Contribution(sensor, None, "repeats" if is_held else "late packets", values, errors)
@@ -368,6 +369,13 @@ def _ways_back(expected_T: FloatArray, stretches: Iterable[slice]) -> FloatArray
         for late in range(1, min(LATEST, len(own) - 1) + 1):
             back[late - 1, stretch.start + late : stretch.stop] = own[:-late] - own[late:]
     return back
+
+
+def _held(readings_T: FloatArray, expected_T: FloatArray) -> FloatArray:
+    """Return the residual (N, 3) of readings that repeat an earlier one for however long, tesla; a tesla for others."""
+    is_new = np.append(True, np.any(np.diff(readings_T, axis=0) != 0, axis=1))
+    first = np.maximum.accumulate(np.where(is_new, np.arange(len(is_new)), 0))
+    return np.where(is_new[:, None], 1.0, expected_T[first] - expected_T)
 
 
 class InterpolatedSamples(DisplacedEffect):
