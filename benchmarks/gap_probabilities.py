@@ -91,8 +91,8 @@ def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
         rival = max((value for name, value in evidence.items() if name not in one.named), default=0.0)
         for cause in one.causes:
             own = evidence[cause["effect"]]
-            features = features_of(cause["effect"], len(one.answer["checks"]["departs"]), cause["share"], own, rival)
-            rows.append((*features, cause["effect"] in {*one.truth, *one.other_names}))
+            departures, closed = len(one.answer["checks"]["departs"]), one.answer["gap"]["closed"]
+            rows.append((*features_of(departures, cause["share"], own, rival, closed), cause["effect"] in {*one.truth, *one.other_names}))
     return np.array(rows, dtype=float).reshape(-1, 6)
 
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Finding, LinearEffect
-from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, SLIGHT
+from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
-from tam_calibration.gap.laws.law import CHANCE, Signature, acts_at, agrees, usual_law
+from tam_calibration.gap.laws.law import Signature, acts_at, agrees, usual_law
 from tam_calibration.gap.laws.law import Place as LawPlace
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
@@ -301,8 +301,8 @@ def shares_of(model: Model) -> FloatArray:
     return np.maximum(values, 0) / max(float(np.maximum(values, 0).sum()), np.finfo(float).tiny)
 
 
-_COEFFICIENTS = (2.08, -0.73, 1.76, 0.08, -0.83)
-"""Logistic regression: intercept, log(1 + failing checks), share, log ratio of the evidences, and a law of chance.
+_COEFFICIENTS = (-0.51, -0.52, 1.02, 0.47, -0.55)
+"""Logistic regression: intercept, log(1 + failing checks), share, log ratio of the evidences, log of the open part.
 
 ``benchmarks/gap_probabilities.py`` fits them: to the 249 causes named in the 150 cases of ``tam blind make --seed
 20271234 --outside sixth`` (a set up to commit 748bcbf7) and ``--seed 20271241 --outside seventh`` (2ee34983), both
@@ -345,7 +345,7 @@ def probabilities(found: Search, verdict: Verdict, size: Size, departures: int) 
     rival = max((one.delta_bic for one in found.weighed if one.effect not in named), default=0.0)
     for step in found.steps:
         share = energy[step] / sum(energy.values())
-        own = right(features_of(step.accepted.effect, departures, share, step.accepted.delta_bic, rival))
+        own = right(features_of(departures, share, step.accepted.delta_bic, rival, size.closed))
         chances[step.accepted.effect] = max(own, chances.get(step.accepted.effect, 0.0))
     rest = 1 - min(chances[name] for name in named)
     chances["none_of_these"] = rest / 2
@@ -358,24 +358,22 @@ def right(features: Sequence[float]) -> float:
     return 1 / (1 + exp(-sum(w * value for w, value in zip(_COEFFICIENTS, features, strict=True))))
 
 
-def features_of(effect: str, departures: int, share: float, own: float, rival: float) -> tuple[float, ...]:
+def features_of(departures: int, share: float, own: float, rival: float, closed: float) -> tuple[float, ...]:
     """Return the features of the logistic regression of a cause, in the order of the coefficients.
-
-    What makes noise or single bad readings has no course that would tell it from other causes.
 
     Parameters
     ----------
-    effect : str
-        Name of the cause.
     departures : int
         Number of predictive checks that the residual fails.
     share : float
         Of the cause in the energy that all causes explain.
     own, rival : float
         ΔBIC of the cause, and the largest of the effects that were not named.
+    closed : float
+        Part of the gap's energy that all causes close.
     """
     ratio = log(max(own, LEAST_EVIDENCE) / max(rival, LEAST_EVIDENCE))
-    return 1.0, log1p(departures), share, ratio, float(usual_law(effect) in CHANCE)
+    return 1.0, log1p(departures), share, ratio, log(1 - closed + NEGLIGIBLE)
 
 
 def set_of(chances: Mapping[str, float], verdict: Verdict, causes: Collection[Cause]) -> tuple[str, ...]:

@@ -24,18 +24,19 @@ def cause(name):
 
 
 def test_what_leaves_less_is_more_likely():
-    """So is what makes more of what closes, what has no rival with as much evidence, and what is no mere noise."""
-    whole = right(features_of("bias_jump", 0, 1.0, 500.0, 50.0))
-    assert right(features_of("bias_jump", 2, 1.0, 500.0, 50.0)) < whole < 1
-    assert right(features_of("bias_jump", 0, 0.3, 500.0, 50.0)) < whole
-    assert right(features_of("bias_jump", 0, 1.0, 500.0, 400.0)) < whole
-    assert right(features_of("noise_excess", 0, 1.0, 500.0, 50.0)) < whole
+    """So is what makes more of what closes, and what has no rival with as much evidence."""
+    whole = right(features_of(0, 1.0, 500.0, 50.0, 1.0))
+    assert right(features_of(2, 1.0, 500.0, 50.0, 1.0)) < whole < 1
+    assert right(features_of(0, 0.3, 500.0, 50.0, 1.0)) < whole
+    assert right(features_of(0, 1.0, 500.0, 400.0, 1.0)) < whole
+    assert right(features_of(0, 1.0, 500.0, 50.0, 0.5)) < whole - 0.1
 
 
 def test_what_is_smaller_than_what_would_be_seen_counts_as_that():
-    """A rest as the smallest gap, and evidence as the least that counts."""
-    assert features_of("a", 1, 0.5, 120.0, -40.0) == (1.0, pytest.approx(log(2)), 0.5, pytest.approx(log(10)), 0.0)
-    assert features_of("outliers", 0, 0.5, 12.0, 24.0) == (1.0, 0.0, 0.5, pytest.approx(-log(2)), 1.0)
+    """Evidence as the least that counts, and an open part as the accuracy of models."""
+    ratio, part = pytest.approx(log(10)), pytest.approx(log(0.01))
+    assert features_of(1, 0.5, 120.0, -40.0, 1.0) == (1.0, pytest.approx(log(2)), 0.5, ratio, part)
+    assert features_of(0, 0.5, 12.0, 24.0, 0.0) == (1.0, 0.0, 0.5, pytest.approx(-log(2)), pytest.approx(log(1.01)))
 
 
 @pytest.mark.parametrize(
@@ -185,10 +186,10 @@ def test_a_cause_is_as_likely_as_its_features_say():
     steps = tuple(Step(Evidence(name, None, gain - 7, gain), None) for name, gain in (("a", 300.0), ("b", 100.0)))
     energy = energies_of(steps, 1000.0)
     assert list(energy.values()) == pytest.approx([1 - exp(-0.3), exp(-0.3) * (1 - exp(-0.1))])
-    found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", None, 1)
+    found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", SimpleNamespace(closed=0.9), 1)
     total = sum(energy.values())
     for step, name, evidence in zip(steps, "ab", (293.0, 93.0), strict=True):
-        assert found[name] == pytest.approx(right(features_of(name, 1, energy[step] / total, evidence, 53.0)))
+        assert found[name] == pytest.approx(right(features_of(1, energy[step] / total, evidence, 53.0, 0.9)))
     rest = 1 - min(found["a"], found["b"])
     assert (found["none_of_these"], found["c"], found["no_gap"]) == (
         pytest.approx(rest / 2),
