@@ -157,7 +157,7 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
     whole : float
         Energy of the gap, of which the laws have their shares.
     """
-    found: list[Found] = []
+    start, found = residual, list[Found]()
     again = repeats(residual.pose) or near_repeats(residual)
     while len(found) < 3 and not (found and residual.excess < 2 * np.sqrt(2.0 * residual.size)):
         error = TOLERANCE**2 * max(residual.excess, 0.0) / residual.size
@@ -166,9 +166,25 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
         new = [one for one in _strongest(scaled, again) if one.predicted >= least]
         if not new:
             break
-        found += new
-        residual = residual.without(np.sum([one.signal(scaled, one.residual) for one in new], axis=0))
+        found = _beside_each_other(start, [*found, *new])
+        residual = start.without(_sum_of(found, start))
     return found, residual
+
+
+def _beside_each_other(residual: Residual, laws: list[Found]) -> list[Found]:
+    """Return laws each fitted to what the others leave of a residual, in the sensors in which it then is."""
+    if len(laws) == 1:
+        return laws
+    for _ in range(2):
+        for number, one in enumerate(laws):
+            rest = residual.without(_sum_of([*laws[:number], *laws[number + 1 :]], residual))
+            laws[number] = replace(one, residual=rest.scaled(one.residual.noise**-0.5))
+    return [replace(_as_found(one.best, [*one.others], one.residual), is_of_two=one.is_of_two) for one in laws]
+
+
+def _sum_of(laws: list[Found], residual: Residual) -> FloatArray:
+    """Return what laws add to the channels (N, C)."""
+    return np.sum([one.signal(residual, one.residual) for one in laws], axis=0)
 
 
 def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
@@ -184,11 +200,8 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
     if two is None:
         return [_as_found(best, tried, residual, predicted)]
     first, second = two
-    beside = residual
-    for _ in range(3):  # each is fitted beside the other
-        rest = residual.without(first.signal(residual, beside))
-        beside = residual.without(second.signal(residual, rest))
-    pair = ((first, beside), (second, rest))
+    rest = residual.without(first.signal(residual, residual))
+    pair = ((first, residual.without(second.signal(residual, rest))), (second, rest))
     return [replace(_as_found(one, [one], left), is_of_two=True) for one, left in pair]
 
 

@@ -89,6 +89,33 @@ def test_a_step_beside_a_delay_is_no_gain_that_drifts(run, seed):
     ]
 
 
+def test_a_jump_is_no_part_of_a_drift_elsewhere(run):
+    """A sensor that steps while another drifts has a law of its own, though the drift explains half of the step."""
+    clean = run(samples=900)
+    time_s, added = clean.recording.time_s, np.zeros((900, clean.row_count))
+    middle = time_s[len(time_s) // 2]
+    added[:, 3] = 16e-9 * (time_s / middle + 0.3 * np.sin(2 * np.pi * time_s / middle))
+    added[:, 10] = 15e-9 * (time_s > middle)
+    laws = {law.sensors: law for law in signature(clean.with_added(added))}
+    assert (laws[2,].law, laws[2,].course) == ("offset", "slow")
+    assert (laws[4,].law, laws[4,].course, laws[4,].axes) == ("offset", "step", ("y",))
+    assert laws[4,].times_s == pytest.approx((middle,), abs=1)
+
+
+def test_a_jump_is_no_part_of_a_drift_that_a_channel_explains(run):
+    """The same where the drift follows a recorded temperature that rises."""
+    clean = run(samples=900)
+    time_s = clean.recording.time_s
+    middle, added = time_s[len(time_s) // 2], np.zeros((900, clean.row_count))
+    temperature_C = 15 + 5 * time_s / middle
+    added[:, 3] = 4e-9 * (temperature_C - 15)
+    added[:, 10] = 15e-9 * (time_s > middle)
+    warm = clean.with_added(added)
+    warm = replace(warm, recording=replace(warm.recording, temperature_C=temperature_C))
+    told = {law.sensors: (law.law, law.course) for law in signature(warm)}
+    assert told == {(2,): ("offset", "channel"), (4,): ("offset", "step")}
+
+
 def test_a_curved_axis(run):
     """A cubic of an axis' own reading is a law of that reading."""
     clean = run(samples=300)
