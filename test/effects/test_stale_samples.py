@@ -128,3 +128,15 @@ def test_the_twin_shows_what_was_found(bench, term, samples):
     (part,) = STALE.find(made.residuals()).fitted.contributions
     assert (part.sensor, part.term) == (1, term) and part.values["samples late"] == samples
     assert_allclose([part.values["rate"], part.values["burst"]], [0.05, values["burst"]], rtol=0.35)
+
+
+def test_a_sensor_that_stands_still_repeats_its_last_reading(bench):
+    """Readings held for longer than a queue is long, with a few held once elsewhere, are repeats in all these samples."""
+    made = bench(sensors=4)
+    held = np.zeros(2000, dtype=bool)
+    for start, length in ((100, 30), (900, 60), (1500, 25)):
+        held[start : start + length] = True
+    found = STALE.find(made.with_rows(repeated(made, held)).residuals())
+    (part,) = found.fitted.contributions
+    assert (part.sensor, part.term) == (2, "repeats")
+    assert found.flagged[held].mean() > 0.95 and not found.flagged[~held].any()

@@ -166,20 +166,20 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
         new = [one for one in _strongest(scaled, again) if one.predicted >= least]
         if not new:
             break
-        found = _beside_each_other(start, [*found, *new])
+        beside = [*found, *(replace(one, shared=one.best) for one in new)]
+        found = _beside_each_other(start, beside) if len(beside) > 1 else new
         residual = start.without(_sum_of(found, start))
     return found, residual
 
 
 def _beside_each_other(residual: Residual, laws: list[Found]) -> list[Found]:
     """Return laws each fitted to what the others leave of a residual, in the sensors in which it then is."""
-    if len(laws) == 1:
-        return laws
     for _ in range(2):
         for number, one in enumerate(laws):
             rest = residual.without(_sum_of([*laws[:number], *laws[number + 1 :]], residual))
-            laws[number] = replace(one, residual=rest.scaled(one.residual.noise**-0.5))
-    return [replace(_as_found(one.best, [*one.others], one.residual), is_of_two=one.is_of_two) for one in laws]
+            beside = _as_found(one.best, [*one.others], rest.scaled(one.residual.noise**-0.5))
+            laws[number] = replace(beside, is_of_two=one.is_of_two)
+    return laws
 
 
 def _sum_of(laws: list[Found], residual: Residual) -> FloatArray:
