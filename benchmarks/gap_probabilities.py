@@ -92,7 +92,8 @@ def causes_of(outcomes: Sequence[Outcome]) -> FloatArray:
         for cause in one.causes:
             own = evidence[cause["effect"]]
             departures, closed = len(one.answer["checks"]["departs"]), one.answer["gap"]["closed"]
-            rows.append((*features_of(departures, cause["share"], own, rival, closed), cause["effect"] in {*one.truth, *one.other_names}))
+            features = features_of(departures, cause["share"], own, rival, closed)
+            rows.append((*features, cause["effect"] in {*one.truth, *one.other_names}))
     return np.array(rows, dtype=float).reshape(-1, 6)
 
 

@@ -15,8 +15,8 @@ from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
-from tam_calibration.gap.laws.law import Signature, acts_at, agrees, usual_law
 from tam_calibration.gap.laws.law import Place as LawPlace
+from tam_calibration.gap.laws.law import Signature, acts_at, agrees
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base

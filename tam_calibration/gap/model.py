@@ -380,10 +380,10 @@ class Model:
     def signal(self) -> FloatArray:
         """Return what the effects add to the rows, (N, 3K + 1), tesla."""
         count = 3 * self.recording.sensor_count + 1
-        total = np.zeros((self.recording.sample_count, count))
+        total: FloatArray = np.zeros((self.recording.sample_count, count))
         for _ in range(2 if self.parts else 0):  # the first time in the field that the effects disturb
             channels = self.channels(total)
-            total = sum((part.signal(part.terms(channels), count) for part in self.parts), start=0 * total)
+            total = np.sum([part.signal(part.terms(channels), count) for part in self.parts], axis=0)
         return total
 
     def without(self, effects: Sequence[FittedEffect]) -> Recording:

@@ -131,7 +131,7 @@ def test_the_twin_shows_what_was_found(bench, term, samples):
 
 
 def test_a_sensor_that_stands_still_repeats_its_last_reading(bench):
-    """Readings held for longer than a queue is long, with a few held once elsewhere, are repeats in all these samples."""
+    """Readings that are held for longer than a queue is long are repeats in all these samples."""
     made = bench(sensors=4)
     held = np.zeros(2000, dtype=bool)
     for start, length in ((100, 30), (900, 60), (1500, 25)):

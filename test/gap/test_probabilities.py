@@ -186,7 +186,8 @@ def test_a_cause_is_as_likely_as_its_features_say():
     steps = tuple(Step(Evidence(name, None, gain - 7, gain), None) for name, gain in (("a", 300.0), ("b", 100.0)))
     energy = energies_of(steps, 1000.0)
     assert list(energy.values()) == pytest.approx([1 - exp(-0.3), exp(-0.3) * (1 - exp(-0.1))])
-    found = probabilities(searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0))), "explained", SimpleNamespace(closed=0.9), 1)
+    weighed = searched(steps, (("a", 300.0), ("b", 100.0), ("c", 60.0)))
+    found = probabilities(weighed, "explained", SimpleNamespace(closed=0.9), 1)
     total = sum(energy.values())
     for step, name, evidence in zip(steps, "ab", (293.0, 93.0), strict=True):
         assert found[name] == pytest.approx(right(features_of(1, energy[step] / total, evidence, 53.0, 0.9)))

@@ -184,7 +184,7 @@ def _beside_each_other(residual: Residual, laws: list[Found]) -> list[Found]:
 
 def _sum_of(laws: list[Found], residual: Residual) -> FloatArray:
     """Return what laws add to the channels (N, C)."""
-    return np.sum([one.signal(residual, one.residual) for one in laws], axis=0)
+    return np.asarray(np.sum([one.signal(residual, one.residual) for one in laws], axis=0))
 
 
 def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
