@@ -145,7 +145,8 @@ def _in_si(values: Mapping[str, _Quantity], units: Mapping[str, str], least: flo
     numbers = {name: _number(name, value, units.get(name)) for name, value in values.items()}
     for name, number in numbers.items():
         if not least <= number <= HUGE:
-            raise InputError(f"{name}: {quoted(values[name])} is not {least:g} to {HUGE:g} in SI: check the unit")
+            bound = f"less than {least:g}" if number < least else f"more than {HUGE:g}"
+            raise InputError(f"{name}: {quoted(values[name])} is {bound} in SI: check the unit")
     return numbers
 
 

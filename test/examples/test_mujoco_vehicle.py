@@ -58,6 +58,7 @@ def test_biases_are_those_of_the_vehicle_in_every_run(run):
     """They follow the seed of the errors, and not that of the run."""
 
     def biases(*options):
+        Path("run.csv").unlink(missing_ok=True)  # no recording is overwritten
         assert run("run.csv", "--samples", "1000", "--bias-nT", "300", *options).exit_code == 0
         result = CliRunner().invoke(tam, ["calibrate", "run.csv", "--array", "run.array.yaml", "-o", "out.yaml"])
         assert result.exit_code == 0, result.output

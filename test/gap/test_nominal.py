@@ -201,10 +201,10 @@ def test_a_scale_step_of_two_is_found_from_the_steady_half(run, monkeypatch):
 
 
 def test_where_nothing_explains_a_gap_it_stands_beside_the_steady_part(run):
-    """A sensor that is stuck for half of the time: it is named, and its neighbour is not."""
+    """A sensor that reads one wrong value for half of the time: it is named, and its neighbour is not."""
     made = run(300, 2, has_scalar=False)
     readings = made.recording.readings_T.copy()
-    readings[90:225, 1] = readings[90, 1]
+    readings[90:225, 1] = 1.1 * readings[90, 1]
     gap = diagnose(replace(made.recording, readings_T=readings), made.array)
     assert gap.verdict == "unexplained" and gap.where.sensors == (2,)
 
