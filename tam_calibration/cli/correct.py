@@ -119,7 +119,7 @@ def _counted(
     for corrected, stamps_ns in pieces:
         intensity.add(corrected)
         if corrected.scalar_T is not None:
-            agreement.add(corrected.outputs[:, :3], corrected.scalar_T)
+            agreement.add(corrected.outputs, corrected.scalar_T)
         yield corrected, stamps_ns
     if agreement.is_wrong and not is_accepted:
         raise Refused(f"nothing is written, {agreement.sentence(calibration)}; where that is so, accept {RESIDUAL}")

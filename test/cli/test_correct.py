@@ -195,3 +195,15 @@ def test_a_calibration_that_has_aged_is_a_warning(folder):
     result = run("run.csv", "--calibration", "aged.yaml", "-o", "out.csv")
     assert "nT: calibrate again" in result.stderr
     assert run("run.csv", "--calibration", "c.yaml", "-o", "again.csv").stderr == ""
+
+
+def test_beside_a_source_no_calibration_is_advised(folder):
+    """A large gradient bends the field within the array, where scalar and centre do not compare."""
+    seen = read_recording("run.csv")
+    readings_T = seen.readings_T.copy()
+    readings_T[:, 0, 0] += 500e-9
+    readings_T[:, 2, 0] -= 500e-9
+    write_recording("near.csv", replace(seen, readings_T=readings_T, scalar_T=seen.scalar_T + 10e-9))
+    assert run("near.csv", "--calibration", "c.yaml", "-o", "out.csv").stderr == ""
+    write_recording("aged.csv", replace(seen, scalar_T=seen.scalar_T + 10e-9))
+    assert "calibrate again" in run("aged.csv", "--calibration", "c.yaml", "-o", "out.csv").stderr
