@@ -171,8 +171,8 @@ class Calibration:
         return quality_for(grade, self.warnings, f"{headline}{origin}{scale}")
 
     @property
-    def channels(self) -> dict[str, str]:
-        """The two kinds of ``reduced_chi_square`` in words."""
+    def channels_in_words(self) -> dict[str, str]:
+        """What the two kinds of ``reduced_chi_square`` compare."""
         intensity = "reference" if self.has_scalar_reference else "fitted"
         return {"differential": "between the sensors", "common_mode": f"against the {intensity} intensity"}
 

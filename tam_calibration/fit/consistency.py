@@ -246,7 +246,7 @@ def _residual(calibration: Calibration) -> str:
     ratios = {f"|B| of sensor {sensor + 1}": float(value) for sensor, value in enumerate(sensors)}
     if calibration.array.has_gradient:
         ratios["the tensor"] = residuals.tensor_rmse_T_per_m / floor.tensor_rmse_T_per_m
-    chi_square, channels = calibration.reduced_chi_square, calibration.channels
+    chi_square, channels = calibration.reduced_chi_square, calibration.channels_in_words
     ratios |= {words: float(np.sqrt(chi_square[name])) for name, words in channels.items() if name in chi_square}
     high = [(name, value) for name, value in ratios.items() if not value <= accepted]
     # Residuals that a doubt names, the largest first.
@@ -270,7 +270,7 @@ def _residual(calibration: Calibration) -> str:
 def _small_residual(calibration: Calibration) -> str:
     """Say where less than half of the stated noise is left, six standard deviations of χ² below that."""
     chance = 6 * np.sqrt(2 / max(1, calibration.samples - FEWEST_SAMPLES))
-    chi_square, channels = calibration.reduced_chi_square, calibration.channels
+    chi_square, channels = calibration.reduced_chi_square, calibration.channels_in_words
     # Smallest reduced χ², of half the stated noise: data sheets guarantee more than sensors make.
     small = {name: chi_square[name] for name in channels if chi_square.get(name, 1.0) < min(0.25, 1 - chance)}
     if not small:

@@ -140,15 +140,15 @@ class GyroscopeFit(MotionFit):
         # from_degrees(2.0): turn from which it is worth a note.
         if angle <= max(FAR * float(norm(errors)), from_degrees(2.0)):
             return "", ""
-        told = f"the gyroscope is turned by {rounded(to_degrees(angle))}° against sensor 1, which is estimated"
+        turned = f"the gyroscope is turned by {rounded(to_degrees(angle))}° against sensor 1, which is estimated"
         # How far a sensor is mounted askew at most.
         askew = from_degrees(15.0)
         if angle < askew:
-            return told, ""
+            return turned, ""
         axis = int(np.argmax(np.abs(turn)))
         if float(norm(np.abs(turn) - np.pi * np.eye(3)[axis])) < askew:
-            told += f", or axis {'xyz'[axis]} of all sensors is reversed, which are left-handed then"
-        return "", f"{told}: state imu_rotation_deg, or rotations_deg of the sensors, in the array file"
+            turned += f", or axis {'xyz'[axis]} of all sensors is reversed, which are left-handed then"
+        return "", f"{turned}: state imu_rotation_deg, or rotations_deg of the sensors, in the array file"
 
     def remarks(self) -> tuple[str, ...]:
         """Return how the gyroscope is late and turned, and what its scale may do, in a sentence each."""
@@ -261,7 +261,8 @@ def settled_gyroscope(recording: Recording, array: Array, known: Known) -> Settl
         start = GyroscopeState.at_rest(match.mount, match.delay_s)
         # Of a long recording the turns over several samples are judged, as many as samples of a block.
         stride = -(-recording.sample_count // BLOCK)
-        # Of white jitter the second differences of the stamps have the variance 6; the median forgives gaps.
+        # Second differences of white jitter have six times its variance. Their median size, 0.6745 of the standard
+        # deviation, forgives gaps.
         jitter_s = float(np.median(np.abs(np.diff(recording.time_s, 2)))) / 0.6745 / np.sqrt(6)
         use = GyroscopeUse(noise, stated.bias, interval_s, start, stated.scale_error, stride=stride, jitter_s=jitter_s)
         fit = GyroscopeFit.settled(recording, array, known, use)

@@ -15,7 +15,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused
 from tam_calibration.model.recording import BLOCK, FEWEST_SAMPLES, SKETCH, Recording, SampleSource
 from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, rounded, to_nanotesla
 
 
 def require_determined(recording: SampleSource, array: Array, is_uniform: bool = True) -> None:
@@ -233,7 +233,7 @@ def _worst(ratio: FloatArray) -> tuple[str, ...]:
     # The worst tell what to do.
     ordered = np.argsort(-largest)[: min(MOST_NAMED, int(weak.any(axis=0).sum()))]
     only = np.arange(len(PARAMETER_NAMES)) == ordered[:, None]
-    times = [f"{float(f'{ratio:.3g}'):g} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]
+    times = [f"{rounded(ratio, 3)} ×" if np.isfinite(ratio) else "undetermined" for ratio in largest[ordered]]
     return tuple(f"{_name_open(weak & own)} {each}" for each, own in zip(times, only, strict=True))
 
 

@@ -151,14 +151,14 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
 
 
 def _is_of(calibration: Calibration, recording: SampleSource) -> bool:
-    """Return whether a calibration tells the times of a recording, and what its raw readings leave, to all digits."""
+    """Return whether a calibration states the times of a recording and what its raw readings leave, to all digits."""
     if recording.time_span_s != calibration.time_span_s:
         return False
     none = SensorErrors.none(recording.sensor_count)
     found = measure_residuals(none, calibration.array, recording, calibration.intensity_T)
-    told, own = ([*each.sensor_intensity_T, *each.tensor_T_per_m] for each in (calibration.before, found))
+    stated, own = ([*each.sensor_intensity_T, *each.tensor_T_per_m] for each in (calibration.before, found))
     # The six digits of a file.
-    return np.allclose(told, own, rtol=1e-5, atol=0, equal_nan=True)
+    return np.allclose(stated, own, rtol=1e-5, atol=0, equal_nan=True)
 
 
 def _as_far_as_they_agree(

@@ -266,10 +266,10 @@ def explained(
         gap = diagnose(samples.thinned(10_000), array, progress=progress, accept=accept)
         asking, words = [one for one in sentences if LOOK_FOR_CAUSE in one], _in_words(gap, array.vector_noise_T)
         guesses = (SOMETHING_MAGNETIC, PARTS_APART, LEAVE_OUT) if gap.verdict == "explained" else ()
-        told = [one for one in sentences if one in asking or not (asking and any(guess in one for guess in guesses))]
+        kept = [one for one in sentences if one in asking or not (asking and any(guess in one for guess in guesses))]
         for end in (f": {guess}" for guess in (LOOK_FOR_CAUSE, *guesses)):
-            told = [one.partition(end)[0] + words if end in one else one for one in told]
-        return tuple(sorted(told, key=lambda one: words not in one))
+            kept = [one.partition(end)[0] + words if end in one else one for one in kept]
+        return tuple(sorted(kept, key=lambda one: words not in one))
     return tuple(sentences)
 
 

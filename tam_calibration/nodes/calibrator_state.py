@@ -114,8 +114,8 @@ class KeptSamples:
         """Save what has changed."""
         generation, samples = self.store.samples()
         if self.store.discarded:
-            told = f"{self.store.discarded} samples of an earlier run are discarded"
-            self._node.get_logger().info(f"{told}: the new stamps do not go on from them")
+            lost = f"{self.store.discarded} samples of an earlier run are discarded"
+            self._node.get_logger().info(f"{lost}: the new stamps do not go on from them")
             self.store.discarded = 0
         if self._file is None or (generation, len(samples)) == (self._on_disk, self.saved):
             return

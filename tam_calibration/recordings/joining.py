@@ -64,11 +64,11 @@ class Streams:
 
     def other_frames(self, mounting: Mounting) -> tuple[str, ...]:
         """Return a warning of an order that is not certain, and of each stream of a frame that the array has not."""
-        told = [self.order] if self.order else []
+        doubts = [self.order] if self.order else []
         for stream, stated in samples.expected_frames(mounting).items():
             frames = self.wanted[stream].table.frames if stream in self.wanted else ()
-            told += [samples.other_frame(stream, frame, stated) for frame in frames if frame != stated]
-        return tuple(told)
+            doubts += [samples.other_frame(stream, frame, stated) for frame in frames if frame != stated]
+        return tuple(doubts)
 
     def intakes(self, reading: Reading, array: Array | None) -> dict[str, Intake]:
         """Return what takes the values of each stream."""

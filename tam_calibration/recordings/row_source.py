@@ -218,8 +218,8 @@ class RowJoining:
         unread = self.streams.wanted.keys() - self._read
         lost = tuple(f"all {self._count} readings of {in_words(name)} are missing" for name in sorted(unread))
         if self._missing.counts or doubts or lost:
-            told = self._missing.sentences()
-            usage = Usage(self._whole, self._count, lost=lost, missing=told, other_frames=doubts)
+            missing = self._missing.sentences()
+            usage = Usage(self._whole, self._count, lost=lost, missing=missing, other_frames=doubts)
             return replace(samples, usage=usage)
         return samples
 

@@ -138,7 +138,7 @@ def _chi_square(calibration: Calibration) -> str:
     values = []
     for name, value in calibration.reduced_chi_square.items():
         many = " in sums over many samples" if name.startswith("slow_") else ""
-        values.append(f"{number(value)} {calibration.channels[name.removeprefix('slow_')]}{many}")
+        values.append(f"{number(value)} {calibration.channels_in_words[name.removeprefix('slow_')]}{many}")
     return f"Reduced χ²: {join(values)}; it is 1 for noise alone."
 
 
