@@ -44,7 +44,7 @@ _STRANGE = (
 )
 
 
-_ENDLESS = ("scheduler", "rate")
+_ENDLESS = ("rate",)
 """Options that may make a command wait as long as it is told to."""
 
 
