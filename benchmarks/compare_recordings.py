@@ -21,6 +21,7 @@ from vehicle import VehicleRun, simulate_vehicle
 
 from tam_calibration.comparison import compare
 from tam_calibration.comparison.result import Comparison
+from tam_calibration.files.text_files import to_json, write_text
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
@@ -29,7 +30,7 @@ from tam_calibration.report.blocks import Table
 from tam_calibration.report.comparison_report import write_comparison_report
 from tam_calibration.report.comparison_rows import closing_blocks, difference_blocks, headline, noise_blocks
 from tam_calibration.results import write_recording
-from tam_calibration.results.comparison_json import Sources, write_comparison
+from tam_calibration.results.comparison_json import Sources, comparison_to_mapping
 
 PATH = click.Path(path_type=Path)
 
@@ -71,7 +72,7 @@ def compare_files(paths: Sequence[Path], array: Array, output: Path) -> list[str
     simulation, recording = paths
     comparison = compare(read_recording(simulation), read_recording(recording), array)
     sources = Sources(provenance(simulation), provenance(recording))
-    write_comparison(output.with_suffix(".json"), comparison, sources)
+    write_text(output.with_suffix(".json"), to_json(comparison_to_mapping(comparison, sources)))
     write_comparison_report(output.with_suffix(".html"), comparison, sources)
     return list(lines(comparison))
 

@@ -139,7 +139,7 @@ def _show(player: "Player", loop: bool) -> None:
                 return
 
 
-_SERVICES = ("calibrator/calibrate", "calibrator/diagnose", "calibrator/compare", "calibrator/save", "collector/reset")
+_SERVICES = ("calibrator/calibrate", "calibrator/diagnose", "calibrator/save", "collector/reset")
 """Those of our nodes that people call."""
 
 _NAME = re.compile(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)

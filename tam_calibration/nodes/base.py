@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from traceback import format_exc
 from typing import Any, TypeVar
 
@@ -240,19 +239,6 @@ class TamNode(AnsweringNode):
             By the name of the parameter; each raises `InputError` where a value cannot be used.
         """
         self._takes |= takes
-
-    def write_files(self, **writers: Callable[[Path], object]) -> str:
-        """Write the files that parameters name, and return which, for the end of an answer.
-
-        Parameters
-        ----------
-        **writers : callable
-            By the name of the parameter; each writes to the path that it is given.
-        """
-        named = {name: path for name in writers if (path := self.value(name))}
-        for name, path in named.items():
-            writers[name](Path(path))
-        return f"; written to {' and '.join(named.values())}" if named else ""
 
     @abstractmethod
     def health(self) -> Health:

@@ -1,4 +1,4 @@
-"""The calibrator node: stores samples, fits, diagnoses or compares them when asked, hands on the calibration."""
+"""The calibrator node: stores samples, fits or diagnoses them when asked, hands on the calibration."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,8 +10,6 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from tam_calibration.comparison import compare
-from tam_calibration.comparison.result import Comparison
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import check_writable
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
@@ -23,19 +21,15 @@ from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.point_cloud import layout_of
 from tam_calibration.messages.samples import Usage
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.libraries import require
 from tam_calibration.model.recording import FEWEST_SAMPLES
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work
 from tam_calibration.nodes.calibrated import figures, introduce
 from tam_calibration.nodes.calibrator_state import KEPT, SAVE_S, UPDATED, KeptSamples, LiveUpdate
 from tam_calibration.nodes.node_parameters import SHARED, Rule
 from tam_calibration.nodes.topics import LATCHED, RELIABLE_STREAM, CloudReader, Rows, from_stamp
-from tam_calibration.recordings import provenance
-from tam_calibration.recordings.fit_input import fit_with_usage, read_array_of, read_compared, remarks_on
+from tam_calibration.recordings.fit_input import fit_with_usage
 from tam_calibration.report.calibration_rows import update_sentences
-from tam_calibration.report.comparison_rows import answer
 from tam_calibration.results import calibration_to_yaml, read_calibration, write_calibration
-from tam_calibration.results.comparison_json import Sources, write_comparison, write_mend
 from tam_calibration.results.overwriting import require_separate
 from tam_calibration.results.results_json import write_gap
 
@@ -49,12 +43,6 @@ RULES = (
         read_only=False,
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
-    Rule("gap_report_file", "", "HTML page: written by ~/diagnose where a file is named.", read_only=False),
-    Rule("simulation", "", "Recording of a simulator, bag or CSV, with which ~/compare compares.", read_only=False),
-    Rule("simulation_array_file", "", "Array YAML of the simulation; empty for that of array_file.", read_only=False),
-    Rule("comparison_file", "", "Comparison JSON: written by ~/compare where a file is named.", read_only=False),
-    Rule("comparison_report_file", "", "HTML page: written by ~/compare where a file is named.", read_only=False),
-    Rule("mend_file", "", "YAML of what the simulation lacks: written by ~/compare where named.", read_only=False),
     Rule("accept", "", "Findings that refuse no calibration, separated by commas.", read_only=False),
     Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     Rule(
@@ -67,20 +55,12 @@ RULES = (
     *UPDATED,
 )
 
-_WRITTEN = (
-    *("calibration_file", "gap_file", "gap_report_file"),
-    *("comparison_file", "comparison_report_file", "mend_file"),
-)
+_WRITTEN = ("calibration_file", "gap_file")
 """Parameters that name a file to write."""
-
-_READ = ("array_file", "simulation", "simulation_array_file")
-"""Parameters that name a file or bag to read and nothing else."""
 
 
 class Calibrator(TamNode):
     """Fits the stored samples on ~/calibrate and publishes `calibration`, latched; diagnoses them on ~/diagnose.
-
-    On ~/compare it compares them with the recording of a simulator.
 
     Samples are stored while it works, and kept on disk for the node that takes its place when it is killed.
     """
@@ -103,7 +83,6 @@ class Calibrator(TamNode):
         self._work = Work()
         self.serve("calibrate", partial(self._logged, self._calibrate), self._work)
         self.serve("diagnose", partial(self._logged, self._diagnose), self._work)
-        self.serve("compare", partial(self._logged, self._compare), self._work)
         self.serve("save", partial(self._logged, self._save))
         self._collector = self.create_client(Trigger, "collector/usage")
         self.create_steady_timer(SAVE_S, self._kept.save)
@@ -207,47 +186,18 @@ class Calibrator(TamNode):
         return self._loaded
 
     def _diagnose(self) -> str:
-        if self.value("gap_report_file"):
-            require("report", "gap_report_file")
         self._require_separate()
         usage = self._usage()
         remarks = usage.remarks()
         seen = usage.with_each_reading_once(self._store.recording())
         gap = diagnose(seen, self._array, progress=self._go_on, accept=names_in(self.value("accept")))
         self._gap = replace(gap, remarks=(*remarks, *gap.remarks))
-        written = self._write(self._gap)
-        return " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])]) + written
-
-    def _compare(self) -> str:
-        """Compare the stored samples with the simulation that is named; return verdict, first difference and files."""
-        if not (simulation_file := self.value("simulation")):
-            name = self.get_name()
-            raise Refused(f"no simulation is named: set the parameter simulation of {name} to a bag or CSV file")
-        if self.value("comparison_report_file"):
-            require("report", "comparison_report_file")
-        self._require_separate()
-        usage = self._usage()
-        remarks = remarks_on("recording", usage.remarks())
-        seen = usage.with_each_reading_once(self._store.recording())
-        path, array_path = Path(simulation_file), self.value("simulation_array_file")
-        simulated = read_array_of("simulation", Path(array_path), path) if array_path else self._array
-        simulation, simulated_remarks = read_compared("simulation", path, simulated)
-        found = compare(simulation, seen, self._array, array_of_simulation=simulated, progress=self._go_on)
-        found = replace(found, remarks=(*simulated_remarks, *remarks, *found.remarks))
-        return answer(found) + self._write_comparison(found, Sources(provenance(path)))
-
-    def _write_comparison(self, comparison: Comparison, sources: Sources) -> str:
-        def write_page(path: Path) -> None:
-            from tam_calibration.report.comparison_report import write_comparison_report
-
-            write_comparison_report(path, comparison, sources)
-
-        mend = comparison.mend
-        return self.write_files(
-            comparison_file=lambda path: write_comparison(path, comparison, sources),
-            comparison_report_file=write_page,
-            **({} if mend is None else {"mend_file": lambda path: write_mend(path, mend)}),
-        )
+        told = " ".join([gap.headline, *(remarks or [f"{_in_words(usage)}."])])
+        path: str = self.value("gap_file")
+        if not path:
+            return told
+        write_gap(Path(path), self._gap)
+        return f"{told}; written to {path}"
 
     def _usage(self) -> Usage:
         """Ask the collector how many of sensor 1's samples it used; where none answers, of none.
@@ -270,18 +220,10 @@ class Calibrator(TamNode):
         return Usage(0, 0)
 
     def _go_on(self, stage: str, done: float) -> None:
-        """Note how far a diagnosis or comparison is, and give it up when the node shall end."""
+        """Note how far a diagnosis is, and give it up when the node shall end."""
         self._work.progress(done)
         if not self.context.ok():
             raise Refused(f"the node ended while it was {stage}")
-
-    def _write(self, gap: Gap) -> str:
-        def write_page(path: Path) -> None:
-            from tam_calibration.report.gap_report import write_gap_report
-
-            write_gap_report(path, gap)
-
-        return self.write_files(gap_file=lambda path: write_gap(path, gap), gap_report_file=write_page)
 
     def _save(self) -> str:
         if self._calibration is None:
@@ -295,7 +237,8 @@ class Calibrator(TamNode):
 
     def _require_separate(self) -> None:
         """Check that what the node writes costs neither what it reads, nor a bag, nor one another."""
-        written, read = ([Path(path) for name in names if (path := self.value(name))] for names in (_WRITTEN, _READ))
+        written = [Path(path) for name in _WRITTEN if (path := self.value(name))]
+        read = [Path(path)] if (path := self.value("array_file")) else []
         require_separate(written, read)
 
     def _autosave(self) -> list[str]:

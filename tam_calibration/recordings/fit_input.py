@@ -278,12 +278,7 @@ def read_compared(
     """
     with _said_of(role):
         source, usage = read_source(path, array, how, progress)
-        return source, () if usage is None else remarks_on(role, usage.remarks())
-
-
-def remarks_on(role: Role, remarks: tuple[str, ...]) -> tuple[str, ...]:
-    """Return sentences that say which of the two recordings they are about."""
-    return tuple(f"The {role}: {remark}" for remark in remarks)
+        return source, () if usage is None else tuple(f"The {role}: {remark}" for remark in usage.remarks())
 
 
 def read_array_of(role: Role, path: Path, recording: Path) -> Array:

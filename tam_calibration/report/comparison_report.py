@@ -254,7 +254,7 @@ def write_comparison_report(path: Path, comparison: Comparison, sources: Sources
         When the file cannot be written.
     """
     names = [
-        "what the nodes collected" if source is None else f"{source.name}, SHA-256 {source.sha256}"
+        "not from a file" if source is None else f"{source.name}, SHA-256 {source.sha256}"
         for source in (sources.simulation, sources.recording)
     ]
     subtitle = f"simulation: {names[0]} | recording: {names[1]}"

@@ -1,4 +1,4 @@
-"""A comparison as rows of text and sentences, for the page, the terminal and the answer of the calibrator."""
+"""A comparison as rows of text and sentences, for the page and the terminal."""
 
 import math
 from collections.abc import Iterator

@@ -16,7 +16,7 @@ from tam_calibration.comparison.side import Figure
 from tam_calibration.correction.parts import Provenance
 from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.files.schema import Bounds, Document, Hertz, NanoteslaSize, check_file, in_si, value_to_write
-from tam_calibration.files.text_files import in_file, to_json, write_text
+from tam_calibration.files.text_files import in_file, write_text
 from tam_calibration.files.yaml_document import dump_mapping, mapping_in
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import InputError
@@ -165,30 +165,10 @@ def _of_comparison(content: dict[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Sources:
-    """The files that are compared; None where a side is of none, as what nodes collect."""
+    """The files that are compared; None for a side that was not read from a file."""
 
     simulation: Provenance | None = None
     recording: Provenance | None = None
-
-
-def write_comparison(path: Path, comparison: result.Comparison, sources: Sources) -> None:
-    """Write a comparison file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    comparison : Comparison
-        What was compared.
-    sources : Sources
-        The files that it is of.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written.
-    """
-    write_text(path, to_json(comparison_to_mapping(comparison, sources)))
 
 
 def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import json
 from tam_calibration.comparison.mend import gazebo_sdf
 from tam_calibration.correction.parts import Provenance
 from tam_calibration.files.text_files import to_json
-from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, mend_to_mapping, write_comparison
+from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, mend_to_mapping
 
 PROMISED = (
     "schema",
@@ -97,10 +97,9 @@ def test_a_mistake_ends_the_comparison(mistaken):
     assert content["noise"] == content["missing_in_simulation"] == []
 
 
-def test_the_file_names_the_two_recordings(comparison, tmp_path):
-    """With size and digest; null for what nodes collected."""
+def test_the_file_names_the_two_recordings(comparison):
+    """With size and digest; null for what is from no file."""
     source = Provenance("sim.mcap", 12, "ab" * 32)
-    write_comparison(tmp_path / "compare.json", comparison, Sources(source))
-    content = json.loads((tmp_path / "compare.json").read_text())
+    content = comparison_to_mapping(comparison, Sources(source))
     assert content["simulation"] == {"name": "sim.mcap", "size_bytes": 12, "sha256": "ab" * 32}
     assert content["recording"] is None
