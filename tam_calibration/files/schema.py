@@ -81,11 +81,7 @@ def check(content: Mapping[str, Any], schema: type[Schema]) -> Schema:
     InputError
         When it does not follow the schema; one sentence names the first fault.
     """
-    faults: list[str] = []
-    checked: Schema = _document(schema, content, "", faults)
-    if faults:
-        others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
-        raise InputError(f"{faults[0]}{others}")
+    checked: Schema = _document(schema, content, "")
     return checked
 
 
@@ -104,8 +100,8 @@ def check_file(content: Mapping[str, Any], kind: str, stated: str, schema: type[
     return check(content, schema)
 
 
-def _value(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    """Return a value as a type has it; where it has no such value, add the fault and return None."""
+def _value(kind: Any, value: Any, place: str) -> Any:
+    """Return a value as a type has it."""
     if kind is Any:
         return value
     if kind in _PLAIN:
@@ -113,13 +109,15 @@ def _value(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
         try:
             return convert(value)
         except (ValueError, OverflowError):
-            return _fault(f"a valid {name}", place, faults)
+            raise _fault(place, f"a valid {name}") from None
     read, needed, name = _DOCUMENT if is_dataclass(kind) else _COMPOSED[get_origin(kind)]
-    return read(kind, value, place, faults) if isinstance(value, needed) else _fault(name, place, faults)
+    if not isinstance(value, needed):
+        raise _fault(place, name)
+    return read(kind, value, place)
 
 
-def _fault(right: str, place: str, faults: list[str]) -> None:
-    faults.append(f"{place}: input should be {right}")
+def _fault(place: str, right: str) -> InputError:
+    return InputError(f"{place}: input should be {right}")
 
 
 @cache
@@ -127,86 +125,85 @@ def _types(schema: Any) -> dict[str, Any]:
     return get_type_hints(schema, include_extras=True)
 
 
-def _document(schema: Any, content: Any, place: str, faults: list[str]) -> Any:
+def _document(schema: Any, content: Any, place: str) -> Any:
     within = f"{place}." if place else ""
     values = {}
     for each in fields(schema):
         if each.name in content:
-            values[each.name] = _value(_types(schema)[each.name], content[each.name], within + each.name, faults)
+            values[each.name] = _value(_types(schema)[each.name], content[each.name], within + each.name)
         elif each.default is MISSING and each.default_factory is MISSING:
-            faults.append(f"the key {within + each.name!r} is missing")
-    known = [each.name for each in fields(schema)]
-    hint = "" if within else f"; known are {', '.join(known)}"
-    if not getattr(schema, "may_hold_more", False):
-        faults += [f"the key '{within}{key}' is not known{hint}" for key in content if key not in known]
-    return None if faults else schema(**values)
+            raise InputError(f"the key {within + each.name!r} is missing")
+    unknown = content.keys() - values.keys()
+    if unknown and not getattr(schema, "may_hold_more", False):
+        key = next(key for key in content if key in unknown)
+        hint = "" if within else f"; known are {', '.join(each.name for each in fields(schema))}"
+        raise InputError(f"the key '{within}{key}' is not known{hint}")
+    return schema(**values)
 
 
-def _list(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+def _list(kind: Any, value: Any, place: str) -> Any:
     (part,) = get_args(kind)
-    return [_value(part, each, f"{place}.{number}", faults) for number, each in enumerate(value, start=1)]
+    return [_value(part, each, f"{place}.{number}") for number, each in enumerate(value, start=1)]
 
 
-def _tuple(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+def _tuple(kind: Any, value: Any, place: str) -> Any:
     parts = get_args(kind)
     if len(value) > len(parts):
-        faults.append(f"{place}: tuple should have at most {len(parts)} items, not {len(value)}")
-        return None
-    faults += [f"the key '{place}.{number}' is missing" for number in range(len(value) + 1, len(parts) + 1)]
-    pairs = enumerate(zip(parts, value, strict=False), start=1)
-    return tuple(_value(part, each, f"{place}.{number}", faults) for number, (part, each) in pairs)
+        raise InputError(f"{place}: tuple should have at most {len(parts)} items, not {len(value)}")
+    if len(value) < len(parts):
+        raise InputError(f"the key '{place}.{len(value) + 1}' is missing")
+    pairs = enumerate(zip(parts, value, strict=True), start=1)
+    return tuple(_value(part, each, f"{place}.{number}") for number, (part, each) in pairs)
 
 
-def _dict(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+def _dict(kind: Any, value: Any, place: str) -> Any:
     name, part = get_args(kind)
-    return {_value(name, key, place, faults): _value(part, value[key], f"{place}.{key}", faults) for key in value}
+    return {_value(name, key, place): _value(part, value[key], f"{place}.{key}") for key in value}
 
 
-def _literal(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    choices = [repr(choice) for choice in get_args(kind) if choice != ""]
-    return value if value in get_args(kind) else _fault(" or ".join(choices), place, faults)
+def _literal(kind: Any, value: Any, place: str) -> Any:
+    if value not in get_args(kind):
+        raise _fault(place, " or ".join(repr(choice) for choice in get_args(kind) if choice != ""))
+    return value
 
 
-def _bounded(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
+def _bounded(kind: Any, value: Any, place: str) -> Any:
     base, bounds = get_args(kind)
     if value is None and bounds.may_be_nan:
         return math.nan
-    number = _value(base, value, place, faults)
-    broken = "" if number is None else bounds.broken_by(number)
-    return _fault(broken, place, faults) if broken else number
+    number = _value(base, value, place)
+    if broken := bounds.broken_by(number):
+        raise _fault(place, broken)
+    return number
 
 
-def _one_of(kind: Any, value: Any, place: str, faults: list[str]) -> Any:
-    """Return a value as the first type of a union that has it; otherwise raise the first error."""
+def _one_of(kind: Any, value: Any, place: str) -> Any:
+    """Return a value as the first type of a union that has it."""
     kinds = [each for each in get_args(kind) if each is not NoneType]
     if value is None and NoneType in get_args(kind):
         return None
     if len(kinds) > 1 and all(is_dataclass(each) for each in kinds):
-        return _of_kind(kinds, value, place, faults)
-    failed = []
+        return _of_kind(kinds, value, place)
+    problems = []
     for each in kinds:
-        own: list[str] = []
-        read = _value(each, value, place, own)
-        if not own:
-            return read
-        failed.append(own)
+        try:
+            return _value(each, value, place)
+        except InputError as problem:
+            problems.append(problem)
     # A list or a mapping was meant for what takes one.
-    faults += failed[-1] if isinstance(value, list | Mapping) else failed[0]
-    return None
+    raise problems[-1] if isinstance(value, list | Mapping) else problems[0]
 
 
-def _of_kind(schemas: list[Any], content: Any, place: str, faults: list[str]) -> Any:
+def _of_kind(schemas: list[Any], content: Any, place: str) -> Any:
     if not isinstance(content, Mapping):
-        return _fault("a mapping of keys to values", place, faults)
+        raise _fault(place, "a mapping of keys to values")
     if "kind" not in content:
-        faults.append(f"the key '{place}.kind' is missing")
-        return None
+        raise InputError(f"the key '{place}.kind' is missing")
     by_kind = {kind: schema for schema in schemas for kind in get_args(_types(schema)["kind"])}
     kind = content["kind"]
     if not isinstance(kind, str) or kind not in by_kind:
-        faults.append(f"{place}: the kind {quoted(kind)} is not one of {', '.join(by_kind)}")
-        return None
-    return _document(by_kind[kind], content, place, faults)
+        raise InputError(f"{place}: the kind {quoted(kind)} is not one of {', '.join(by_kind)}")
+    return _document(by_kind[kind], content, place)
 
 
 def _exactly(value: Any, *kinds: type) -> Any:
@@ -241,7 +238,7 @@ _PLAIN: dict[Any, tuple[Callable[[Any], Any], str]] = {
 
 _DOCUMENT = _document, Mapping, "a mapping of keys to values"
 
-_COMPOSED: dict[Any, tuple[Callable[[Any, Any, str, list[str]], Any], Any, str]] = {
+_COMPOSED: dict[Any, tuple[Callable[[Any, Any, str], Any], Any, str]] = {
     Annotated: (_bounded, object, ""),
     Literal: (_literal, object, ""),
     Union: (_one_of, object, ""),

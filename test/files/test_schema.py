@@ -120,13 +120,13 @@ FAULTS = [
     ({"moment": "noon"}, "moment: input should be a valid datetime"),
     ({"moment": "0001-01-01T00:00+14:00"}, "moment: input should be a valid datetime"),
     ({"moment": 1452816000}, "moment: input should be a valid datetime"),
-    ({"number": "a", "count": "b", "name": 3}, "count: input should be a valid integer (and 2 more faults)"),
+    ({"number": "a", "count": "b", "name": 3}, "count: input should be a valid integer"),
 ]
 
 
 @pytest.mark.parametrize(("content", "sentence"), FAULTS, ids=[str(content) for content, _ in FAULTS])
 def test_a_fault_is_told_by_its_key(content, sentence):
-    """Lists count from one; the first fault in the order of the schema is told, and how many others there are."""
+    """Lists count from one; the first fault in the order of the schema is told."""
     with pytest.raises(InputError) as problem:
         check(content, _Sample)
     assert str(problem.value) == sentence
