@@ -8,17 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tam_calibration.comparison.result import Comparison, NoiseDifference
-from tam_calibration.comparison.side import Side
 from tam_calibration.files.yaml_document import dump_mapping
-from tam_calibration.fit.coverage import cell_directions
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import FloatArray, to_nanotesla
 from tam_calibration.report import comparison_rows, page
 from tam_calibration.report.blocks import Block, Code, Points, Section, Table, Text, count, number
 from tam_calibration.report.comparison_rows import axis_name
-from tam_calibration.report.gap_plots import SHADES, GapView, cell_means, draw_means
+from tam_calibration.report.gap_plots import State, plot_histogram, plot_sphere
 from tam_calibration.report.page import embed, write_page
-from tam_calibration.report.recording_plots import Panel, plot_distributions
 from tam_calibration.results.comparison_json import Sources, mend_in_texts
 
 SIDE_COLORS = {"simulation": page.AFTER_COLOR, "recording": page.BEFORE_COLOR}
@@ -77,67 +74,28 @@ def _draw_noise(axes: Axes, noise: NoiseDifference, ends: tuple[float, float]) -
         axis.set_major_formatter("{x:g}")
 
 
-def row_to_draw(simulation: Side, recording: Side) -> int:
+def states_of(comparison: Comparison) -> list[State]:
+    """Return what a calibration leaves of simulation and recording; none where nothing was compared."""
+    sides = {"simulation": comparison.simulation, "recording": comparison.recording}
+    return [
+        State(name, SIDE_COLORS[name], side.gap.residue.before, side.gap.residue)
+        for name, side in sides.items()
+        if side is not None
+    ]
+
+
+def row_to_draw(states: Sequence[State]) -> int:
     """Return the row whose residuals differ most in size: 3 i + a for axis a of sensor i, both from 0; 3K the scalar.
 
     Parameters
     ----------
-    simulation, recording : Side
-        Of arrays with equally many sensors.
+    states : sequence of State
+        Of simulation and recording, whose arrays have equally many sensors.
     """
-    sizes = [GapView(side.gap).states[0].ratio * side.gap.residue.floor_T for side in (simulation, recording)]
+    sizes = [state.ratio * state.residue.floor_T for state in states]
     is_known = np.isfinite(sizes).all(axis=0) & (np.min(sizes, axis=0) > 0)
     ratio = np.divide(sizes[1], sizes[0], out=np.ones(len(sizes[0])), where=is_known)
     return int(np.argmax(np.abs(np.log(ratio))))
-
-
-@page.in_style
-def plot_sphere(simulation: Side, recording: Side, row: int, name: str) -> Figure:
-    """Draw mean residuals of one row over the directions of the field: the simulation's as dots on the recording's.
-
-    Parameters
-    ----------
-    simulation, recording : Side
-        With the residuals that a calibration leaves.
-    row : int
-        As ``row_to_draw`` returns it.
-    name : str
-        Of the row.
-    """
-    dots, ground = (
-        cell_means(to_nanotesla(side.gap.residue.before[:, row]), side.gap.residue.direction)
-        for side in (simulation, recording)
-    )
-    reach = float(np.nanmax(np.abs([dots, ground]), initial=0.0)) or 1.0
-    figure = page.new_figure(page.PAGE_WIDTH_INCH, 3.8)
-    axes = figure.add_subplot(projection="hammer")
-    mesh = draw_means(axes, ground, reach)
-    x, y, z = cell_directions()[np.isfinite(dots)].T
-    dots = dots[np.isfinite(dots)]
-    places = -np.arctan2(y, x), np.arcsin(z)
-    drawn = axes.scatter(*places, 45, dots, cmap=SHADES, edgecolors=page.QUIET_COLOR, linewidths=0.5)
-    drawn.set_clim(-reach, reach)
-    label = f"mean residual of {name} (nT): ground recording, dots simulation"
-    figure.colorbar(mesh, ax=axes, location="bottom", shrink=0.5, aspect=40, label=label)
-    return figure
-
-
-def plot_histograms(simulation: Side, recording: Side, row: int, name: str) -> Figure:
-    """Draw the distributions of one row's residuals over each other, in noise floors of the recording.
-
-    Parameters
-    ----------
-    simulation, recording : Side
-        With the residuals that a calibration leaves.
-    row : int
-        As ``row_to_draw`` returns it.
-    name : str
-        Of the row.
-    """
-    floor = float(recording.gap.residue.floor_T[row])
-    sides = {"simulation": simulation, "recording": recording}
-    drawn = [Panel(side, each.gap.residue.before[:, row], floor, SIDE_COLORS[side]) for side, each in sides.items()]
-    return plot_distributions(drawn, f"residual of {name}, in noise floors of the recording")
 
 
 def _verdict(comparison: Comparison) -> list[Block]:
@@ -185,24 +143,23 @@ def _noise(comparison: Comparison) -> list[Block]:
 
 def _residuals(comparison: Comparison) -> list[Block]:
     """Return the residuals of both over direction and by size; nothing where nothing was compared."""
-    simulation, recording = comparison.simulation, comparison.recording
-    if simulation is None or recording is None:
+    states = states_of(comparison)
+    if len(states) < 2:
         return []
-    row = row_to_draw(simulation, recording)
-    name = GapView(recording.gap).row_name(row)
-    sides = simulation, recording, row, name
+    row = row_to_draw(states)
+    by_size = "How often the residual has which size, in noise floors of the recording"
     return [
         Text(
-            f"What a calibration of each leaves of its own readings, for {name}, the row in which the two differ most. "
-            "Paths may differ: each residual is that of its own run."
+            f"What a calibration of each leaves of its own readings, for {states[0].row_name(row)}, the row in which "
+            "the two differ most. Paths may differ: each residual is that of its own run."
         ),
-        embed(plot_sphere(*sides), "Residuals by direction", "Mean residual over the directions of the field"),
-        embed(plot_histograms(*sides), "Residuals by size", "How often the residual has which size"),
+        embed(plot_sphere(states, row), "Residuals by direction", "Mean residual over the directions of the field"),
+        embed(plot_histogram(states, row), "Residuals by size", by_size),
         Points(
             [
-                "What you see: a smooth pattern of the ground or of the dots alone is an effect of attitude that the "
-                "other side lacks. Broader shoulders or longer tails are noise or outliers that it lacks.",
-                "When they are the same: the dots have the shade of the ground, and the two lines lie on each other.",
+                "What you see: a smooth pattern of one map alone is an effect of attitude that the other side lacks. "
+                "Broader shoulders or longer tails are noise or outliers that it lacks.",
+                "When they are the same: both maps have the same shades, and the two lines lie on each other.",
             ]
         ),
     ]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from tam_calibration.fit.coverage import CELLS, cell_of
 from tam_calibration.gap.laws.law import Course
-from tam_calibration.gap.result import Gap
+from tam_calibration.gap.result import Gap, Residue
 from tam_calibration.model.units import FloatArray, to_degrees, to_nanotesla
 from tam_calibration.report import page
 from tam_calibration.report.blocks import ratio
@@ -22,12 +22,23 @@ from tam_calibration.report.recording_plots import Panel, cells_on_map, draw_bor
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Residuals (N, 3K + 1) of one kind, tesla: its name, its colour, and their root mean squares over the floor."""
+    """Residuals (N, 3K + 1) of one kind, tesla: its name, its colour, and the residue that they are of."""
 
     name: str
     color: str
     rows_T: FloatArray
-    ratio: FloatArray
+    residue: Residue
+
+    @cached_property
+    def ratio(self) -> FloatArray:
+        """The root mean squares of the rows over the floor, NaN for a row without information."""
+        known_T = np.ma.masked_invalid(np.where(self.rows_T == 0, np.nan, self.rows_T))
+        floor_T = np.ma.masked_less_equal(np.ma.masked_invalid(self.residue.floor_T), 0.0)
+        return np.asarray((np.sqrt(np.mean(known_T**2, axis=0)) / floor_T).filled(np.nan))
+
+    def row_name(self, row: int) -> str:
+        """Return "sensor 2 x" or "scalar"."""
+        return "scalar" if row == self.rows_T.shape[1] - 1 else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +55,7 @@ class GapView:
         if self.gap.causes:
             kinds.append(("without its causes", page.AFTER_COLOR, residue.after))
         kinds.append(("simulated twin", page.QUIET_COLOR, residue.twin))
-        return tuple(State(name, color, rows, self._ratio(rows)) for name, color, rows in kinds)
-
-    def _ratio(self, rows_T: FloatArray) -> FloatArray:
-        """Return the root mean squares of rows over the floor, NaN for a row without information."""
-        known_T = np.ma.masked_invalid(np.where(rows_T == 0, np.nan, rows_T))
-        floor_T = np.ma.masked_less_equal(np.ma.masked_invalid(self.gap.residue.floor_T), 0.0)
-        return np.asarray((np.sqrt(np.mean(known_T**2, axis=0)) / floor_T).filled(np.nan))
+        return tuple(State(name, color, rows, residue) for name, color, rows in kinds)
 
     @cached_property
     def rows(self) -> tuple[int, ...]:
@@ -70,7 +75,7 @@ class GapView:
 
     def row_name(self, row: int) -> str:
         """Return "sensor 2 x" or "scalar"."""
-        return "scalar" if row == 3 * self.gap.sensor_count else f"sensor {row // 3 + 1} {'xyz'[row % 3]}"
+        return self.states[0].row_name(row)
 
 
 @page.in_style
@@ -149,49 +154,39 @@ def _root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-SHADES = LinearSegmentedColormap.from_list("signed", [page.AFTER_COLOR, "#f4f6f8", page.BEFORE_COLOR])
+_SIGNED = LinearSegmentedColormap.from_list("signed", [page.AFTER_COLOR, "#f4f6f8", page.BEFORE_COLOR])
 """Of mean residuals on the sphere, from the least to the largest."""
 
 
 @page.in_style
-def plot_sphere(view: GapView, row: int) -> Figure:
+def plot_sphere(states: Sequence[State], row: int) -> Figure:
     """Draw mean residuals of a row in each cell of the sphere of field directions (Hammer), a map a state on one scale.
 
     Parameters
     ----------
-    view : GapView
-        The gap with its residuals and the field directions in the array frame.
+    states : sequence of State
+        Residuals with the field directions in the array frame; runs may differ.
     row : int
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
-    means = [cell_means(to_nanotesla(each.rows_T[:, row]), view.gap.residue.direction) for each in view.states]
+    means = [cell_means(to_nanotesla(each.rows_T[:, row]), each.residue.direction) for each in states]
     reach = float(np.nanmax(np.abs(means), initial=0.0)) or 1.0
     figure = page.new_figure(page.PAGE_WIDTH_INCH, 2.2)
     plots = figure.subplots(1, len(means), subplot_kw={"projection": "hammer"}, squeeze=False)[0]
-    for axes, each, mean in zip(plots, view.states, means, strict=True):
-        mesh = draw_means(axes, mean, reach)
+    for axes, each, mean in zip(plots, states, means, strict=True):
+        mesh = _draw_means(axes, mean, reach)
         axes.set_title(each.name, color=each.color)
-    label = f"mean residual of {view.row_name(row)} (nT)"
+    label = f"mean residual of {states[0].row_name(row)} (nT)"
     figure.colorbar(mesh, ax=list(plots), location="bottom", shrink=0.5, aspect=40, label=label)
     return figure
 
 
-def draw_means(axes: Axes, means: FloatArray, reach: float) -> QuadMesh:
-    """Draw the mean of each cell on a map of the sphere, in shades from −reach to reach.
-
-    Parameters
-    ----------
-    axes : Axes
-        Of the projection "hammer".
-    means : (CELLS,) array
-        NaN where there is none.
-    reach : float
-        Of the scale, in the unit of the means.
-    """
+def _draw_means(axes: Axes, means: FloatArray, reach: float) -> QuadMesh:
+    """Draw the mean of each cell on a map of the sphere, in shades from −reach to reach."""
     longitude, latitude, cell = cells_on_map()
     shades = np.ma.masked_invalid(means[cell])
     mesh = axes.pcolormesh(
-        longitude, latitude, shades, cmap=SHADES, vmin=-reach, vmax=reach, shading="nearest", rasterized=True
+        longitude, latitude, shades, cmap=_SIGNED, vmin=-reach, vmax=reach, shading="nearest", rasterized=True
     )
     draw_borders(axes)
     return mesh
@@ -271,19 +266,19 @@ def plot_time(view: GapView, row: int) -> Figure:
     return figure
 
 
-def plot_histogram(view: GapView, row: int) -> Figure:
+def plot_histogram(states: Sequence[State], row: int) -> Figure:
     """Draw the distributions of one row, all states together, on a logarithmic scale that shows the tails.
 
     Parameters
     ----------
-    view : GapView
-        The gap with its residuals.
+    states : sequence of State
+        Residuals, drawn in noise floors of the last one.
     row : int
         3 i + a for axis a of sensor i, both from 0; 3K for the scalar.
     """
-    floor = float(view.gap.residue.floor_T[row])
-    drawn = [Panel(state.name, state.rows_T[:, row], floor, state.color) for state in view.states]
-    return plot_distributions(drawn, f"residual of {view.row_name(row)}, in noise floors")
+    floor = float(states[-1].residue.floor_T[row])
+    drawn = [Panel(state.name, state.rows_T[:, row], floor, state.color) for state in states]
+    return plot_distributions(drawn, f"residual of {states[-1].row_name(row)}, in noise floors")
 
 
 @page.in_style

@@ -53,7 +53,7 @@ def _where(view: gap_plots.GapView) -> list[Block]:
             "every cell would be near 1, as in the twin.",
         ),
         *figure_blocks(
-            gap_plots.plot_sphere(view, row),
+            gap_plots.plot_sphere(view.states, row),
             "Which attitude",
             "the mean residual over the directions of the field, seen from the array; cells without samples are white.",
             "a faint random pattern, as in the twin; a smooth pattern is an effect that depends on attitude.",
@@ -100,7 +100,7 @@ def _shrinkage(view: gap_plots.GapView) -> list[Block]:
             "all panels would look like the twin's.",
         )
     blocks += figure_blocks(
-        gap_plots.plot_histogram(view, view.rows[0]),
+        gap_plots.plot_histogram(view.states, view.rows[0]),
         "Distribution",
         "how often the residual has which size; what lies further out is counted in the outermost bins.",
         "all lines would follow the dashed one. Broad shoulders are a slow or large effect, far tails are outliers.",

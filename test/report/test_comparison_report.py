@@ -7,25 +7,24 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.comparison.mend import gazebo_sdf, python_plugin
 from tam_calibration.correction.parts import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
-from tam_calibration.fit.coverage import cell_of
 from tam_calibration.model.units import to_nanotesla
 from tam_calibration.report import comparison_report
 from tam_calibration.report.blocks import Image
 from tam_calibration.report.comparison_report import (
     SIDE_COLORS,
-    plot_histograms,
     plot_noise,
-    plot_sphere,
     row_to_draw,
+    states_of,
     write_comparison_report,
 )
 from tam_calibration.report.comparison_rows import next_words
-from tam_calibration.report.gap_plots import cell_means
+from tam_calibration.report.gap_plots import cell_means, plot_histogram, plot_sphere
+from tam_calibration.report.recording_plots import cells_on_map
 from tam_calibration.results.comparison_json import Sources, mend_to_mapping
 
 SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv", 34, "cd" * 32))
@@ -43,7 +42,7 @@ def write(tmp_path_factory):
         path = tmp_path_factory.mktemp("page") / "compare.html"
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(comparison_report, "embed", embed)
-            for plot in ("plot_noise", "plot_sphere", "plot_histograms"):
+            for plot in ("plot_noise", "plot_sphere", "plot_histogram"):
                 patch.setattr(comparison_report, plot, lambda *arguments: None)
             write_comparison_report(path, comparison, SOURCES)
         page = path.read_text(encoding="utf-8")
@@ -183,18 +182,19 @@ def test_a_simulator_without_noise_is_drawn(comparison):
 
 
 def test_residuals_of_both_are_drawn_of_the_row_that_differs_most(comparison):
-    """An axis of sensor 2: over each other, on the sphere and by size."""
-    simulation, recording = comparison.simulation, comparison.recording
-    row = row_to_draw(simulation, recording)
+    """An axis of sensor 2: two maps of the sphere on one scale, and by size over each other."""
+    states = states_of(comparison)
+    row = row_to_draw(states)
     assert row // 3 == 1
-    ground, dots = plot_sphere(simulation, recording, row, "sensor 2 x").axes[0].collections
-    assert ground.get_clim() == dots.get_clim()
-    means = cell_means(to_nanotesla(simulation.gap.residue.before[:, row]), simulation.gap.residue.direction)
-    places = dots.get_offsets().data
-    for (longitude, latitude), value in zip(places, dots.get_array(), strict=True):
-        level = np.cos(latitude)
-        direction = np.array([[level * np.cos(longitude), -level * np.sin(longitude), np.sin(latitude)]])
-        assert value == means[cell_of(direction)[0]]
-    assert len(places) == np.isfinite(means).sum()
-    labels = plot_histograms(simulation, recording, row, "sensor 2 x").axes[0].get_legend_handles_labels()[1]
+    maps = [axes for axes in plot_sphere(states, row).axes if axes.get_title()]
+    assert [axes.get_title() for axes in maps] == ["simulation", "recording"]
+    meshes = [axes.collections[0] for axes in maps]
+    assert meshes[0].get_clim() == meshes[1].get_clim()
+    longitude, latitude, cell = cells_on_map()
+    for state, mesh in zip(states, meshes, strict=True):
+        means = cell_means(to_nanotesla(state.rows_T[:, row]), state.residue.direction)
+        drawn = mesh.get_array()
+        assert drawn.shape == (len(latitude), len(longitude))
+        assert_array_equal(drawn.filled(np.nan), means[cell])
+    labels = plot_histogram(states, row).axes[0].get_legend_handles_labels()[1]
     assert labels == ["simulation", "recording", "noise floor alone"]

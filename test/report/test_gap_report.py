@@ -176,10 +176,10 @@ def test_every_figure_shows_the_twin(gap):
     """Recording, recording without causes and twin stand side by side."""
     view = GapView(gap)
     row = view.rows[0]
-    for figure in (plot_map(view), plot_time(view, row), plot_sphere(view, row)):
+    for figure in (plot_map(view), plot_time(view, row), plot_sphere(view.states, row)):
         titles = {axes.get_title("left") or axes.get_title() for axes in figure.axes}
         assert {"recording", "without its causes", "simulated twin"} <= titles
-    for figure in (plot_dependence(view, row), plot_histogram(view, row)):
+    for figure in (plot_dependence(view, row), plot_histogram(view.states, row)):
         labels = figure.axes[0].get_legend_handles_labels()[1]
         assert {"recording", "without its causes", "simulated twin"} <= set(labels)
 
