@@ -197,8 +197,9 @@ class Pass:
         array = self.array.with_stated_noise()
         floor = noise_floor(none, array, 1e-10)
         size = float(np.linalg.norm(_REGIONAL_T))
+        known = np.zeros((12 * self.array.sensor_count,) * 2)
         exact = Calibration(
-            "maximum_likelihood", array, False, none, None, True, size, floor, floor, floor, 100, (0.0, 1.0), 1.0
+            "maximum_likelihood", array, False, none, known, True, size, floor, floor, floor, 100, (0.0, 1.0), 1.0
         )
         recording = Recording(_TIME_S, self.fields_T, attitude=self.attitude)
         path = path_in(recording, np.array([1.0, 0.0, 0.0]))

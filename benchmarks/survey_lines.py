@@ -69,7 +69,8 @@ def calibrated(array: Array, seed: int, has_errors: bool) -> Calibration:
     calibration = calibrate(recording, replace(array, scalar_noise_T=NOISE_T))
     if has_errors:
         return calibration
-    return replace(calibration, errors=SensorErrors.none(array.sensor_count), covariance=None)
+    exact = np.zeros_like(calibration.covariance)
+    return replace(calibration, errors=SensorErrors.none(array.sensor_count), covariance=exact)
 
 
 @click.command()

@@ -168,7 +168,7 @@ def _one_sensor(calibration: Calibration) -> str:
     """Compare the errors of each two sensors; where those of all are equal, a simulator gave all the same."""
     errors, covariance, count = calibration.errors.to_vector(), calibration.covariance, calibration.errors.sensor_count
     # Sensors of which two may have the same errors and others not.
-    if covariance is None or count < 3:
+    if count < 3:
         return ""
     blocks = covariance.reshape(count, 12, count, 12)
 

@@ -63,8 +63,8 @@ class Calibration:
         Whether a noise was not stated and was estimated from the recording.
     errors : SensorErrors
         The estimate. What the data cannot determine is zero: see ``statements``.
-    covariance : (12 K, 12 K) array, optional
-        Of ``errors.to_vector()`` flattened, SI; zero for what is fixed. None if it could not be computed.
+    covariance : (12 K, 12 K) array
+        Of ``errors.to_vector()`` flattened, SI; zero for what is fixed.
     has_scalar_reference : bool
         Whether the absolute scale comes from a scalar reference, or from what ``reference`` names.
     intensity_T : float
@@ -129,7 +129,7 @@ class Calibration:
     array: KnownNoiseArray
     noise_is_estimated: bool
     errors: SensorErrors
-    covariance: FloatArray | None
+    covariance: FloatArray
     has_scalar_reference: bool
     intensity_T: float
     before: Residuals
@@ -210,11 +210,8 @@ class Calibration:
 
     @cached_property
     def standard_errors(self) -> FloatArray:
-        """(K, 12) standard errors in the order of ``errors.PARAMETER_NAMES``; NaN where unknown."""
-        shape = (self.errors.sensor_count, 12)
-        if self.covariance is None:
-            return np.full(shape, np.nan)
-        return np.sqrt(np.diag(self.covariance)).reshape(shape)
+        """(K, 12) standard errors in the order of ``errors.PARAMETER_NAMES``."""
+        return np.sqrt(np.diag(self.covariance)).reshape(self.errors.sensor_count, 12)
 
     @cached_property
     def correction_matrix(self) -> FloatArray:
@@ -252,14 +249,10 @@ class Calibration:
         (9, 9) array
             As ``output_covariance``.
         """
-        covariance = self._noise_covariance(matrix)
-        if self.covariance is not None:
-            # The mean over all directions of the field.
-            by_parameter, mean_square = self._by_parameter(matrix), np.repeat([self.intensity_T**2 / 3, 1.0], [3, 1])
-            covariance += np.einsum(
-                "rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True
-            )
-        return covariance
+        # The mean over all directions of the field.
+        by_parameter, mean_square = self._by_parameter(matrix), np.repeat([self.intensity_T**2 / 3, 1.0], [3, 1])
+        own = np.einsum("rdp,pq,sdq,d->rs", by_parameter, self.covariance, by_parameter, mean_square, optimize=True)
+        return np.asarray(self._noise_covariance(matrix) + own)
 
     def _noise_covariance(self, matrix: FloatArray) -> FloatArray:
         """Return the part of ``covariance_of`` that sensor noise and effects make."""
@@ -421,14 +414,13 @@ class Calibration:
         if not with_errors:
             return outputs
         variance = np.tile(np.diag(self._noise_covariance(self.correction_matrix)), (len(readings_T), 1))
-        if self.covariance is not None:
-            field_T = np.pad(self.errors.restore(readings_T), ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
-            field_T = field_T.reshape(len(field_T), -1)
-            covariance = self.covariance.reshape(-1, 12, self.errors.sensor_count, 12)
-            for output, by_parameter in enumerate(self._by_parameter(self.correction_matrix)):
-                own = by_parameter.reshape(4, -1, 12)
-                quadratic = np.einsum("dkp,kplq,clq->kdlc", own, covariance, own, optimize=True)
-                variance[:, output] += ((field_T @ quadratic.reshape(field_T.shape[1], -1)) * field_T).sum(axis=1)
+        field_T = np.pad(self.errors.restore(readings_T), ((0, 0), (0, 0), (0, 1)), constant_values=1.0)
+        field_T = field_T.reshape(len(field_T), -1)
+        covariance = self.covariance.reshape(-1, 12, self.errors.sensor_count, 12)
+        for output, by_parameter in enumerate(self._by_parameter(self.correction_matrix)):
+            own = by_parameter.reshape(4, -1, 12)
+            quadratic = np.einsum("dkp,kplq,clq->kdlc", own, covariance, own, optimize=True)
+            variance[:, output] += ((field_T @ quadratic.reshape(field_T.shape[1], -1)) * field_T).sum(axis=1)
         return outputs, np.sqrt(variance)
 
     def _without(self, effects: tuple[FittedEffect, ...], recording: Recording) -> Recording:

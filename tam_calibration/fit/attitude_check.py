@@ -383,11 +383,11 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
     recording : SampleSource
         Raw readings that the calibration was made from.
     calibration : Calibration
-        With a covariance.
+        Of that recording, without attitude.
     """
     # By which the worth of attitude is judged.
     some = recording.thinned(1000)
-    if some.attitude is None or not np.isfinite(some.attitude).all(axis=1).any() or calibration.covariance is None:
+    if some.attitude is None or not np.isfinite(some.attitude).all(axis=1).any():
         return ""
     array = replace(calibration.array, attitude_noise=ATTITUDE_NOISE.most)
     problem = Problem.of(some, array, Known(start=calibration))

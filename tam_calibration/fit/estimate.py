@@ -362,7 +362,6 @@ def widened(calibration: Calibration, recording: SampleSource) -> Calibration:
         calibration = replace(calibration, warnings=(*calibration.warnings, GROWING))
     if factors == WHITE or calibration.method not in OURS:
         return with_variance_factors(calibration, factors)
-    assert calibration.covariance is not None
     covariance = calibration.covariance.copy()
     differential = by_block[0][0].sum(axis=0)
     if student:

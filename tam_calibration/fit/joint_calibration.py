@@ -131,7 +131,7 @@ def prior_for(recording: SampleSource, array: Array, prior: Prior | Calibration)
     Raises
     ------
     InputError
-        When it is of another array, has no covariance, or was made from samples of the same time.
+        When it is of another array, has no valid covariance, or was made from samples of the same time.
     """
     calibration = prior.calibration if isinstance(prior, Prior) else prior
     if not calibration.is_of(array):

@@ -117,11 +117,10 @@ def start_from_calibration(calibration: Calibration) -> PlanStart:
     Raises
     ------
     InputError
-        When it has no covariance or no scalar reference.
+        When it has no scalar reference, or its covariance is not the inverse of an information.
     """
-    if calibration.covariance is None or not calibration.has_scalar_reference:
-        lacks = "covariance" if calibration.covariance is None else "scalar reference"
-        raise InputError(f"the calibration has no {lacks}: plan from its recording instead")
+    if not calibration.has_scalar_reference:
+        raise InputError("the calibration has no scalar reference: plan from its recording instead")
     model = _model_of(calibration)
     # The information whose inverse is nearest to the covariance.
     ellipsoid, affine = model.loadings

@@ -178,7 +178,7 @@ def prior_of(
     Raises
     ------
     InputError
-        When the calibration has no covariance, or one that is none.
+        When the covariance of the calibration is not valid.
     """
     covariance = _covariance_of(calibration)
     rates = rates or calibration.array.change_rates or ChangeRates()
@@ -205,11 +205,6 @@ def has_date(time_s: float) -> bool:
 
 def _covariance_of(calibration: Calibration) -> FloatArray:
     covariance = calibration.covariance
-    if covariance is None:
-        raise InputError(
-            f"the calibration by {calibration.method} has no covariance, and is no prior without: calibrate its "
-            "recording with maximum_likelihood"
-        )
     if not np.isfinite(covariance).all():
         raise InputError("the covariance of the calibration is not finite: calibrate its recording anew")
     covariance = (covariance + covariance.T) / 2

@@ -87,7 +87,7 @@ def excess_of(prior: Prior, covariance: FloatArray) -> float:
     """
     calibration = prior.calibration
     with_errors = np.diag(replace(calibration, covariance=covariance).output_covariance)
-    noise = np.diag(replace(calibration, covariance=None).output_covariance)
+    noise = np.diag(replace(calibration, covariance=np.zeros_like(covariance)).output_covariance)
     return float(np.nanmean(with_errors / noise)) - 1
 
 

@@ -341,7 +341,7 @@ def despite_changes(
     if change.is_plain and is_wrong and "residual" not in accept:
         raise Refused(change.sentence)
     calibration = replace(calibration, warnings=(change.sentence, *calibration.warnings))
-    if off is None or calibration.covariance is None:
+    if off is None:
         return calibration
     return replace(calibration, covariance=calibration.covariance + np.outer(off, off))
 

@@ -63,7 +63,7 @@ def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating:
     Parameters
     ----------
     calibration : Calibration
-        With a covariance; without one there are no errors.
+        With the covariance of its errors.
     fields_T : (N, K, 3) array
         Corrected readings, array frame, tesla.
     is_alternating : bool
@@ -75,8 +75,6 @@ def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating:
         For Q independent errors of mean zero and standard deviation one, Q at most 12 K.
     """
     shape = (len(fields_T), 3 * calibration.errors.sensor_count)
-    if calibration.covariance is None:
-        return np.zeros((*shape, 0))
     full = np.pad(fields_T, ((0, 0), (0, 0), (0, 1)), constant_values=0.0 if is_alternating else 1.0)
     by_parameter = -calibration.errors.inverse[:, None] @ np.moveaxis(calibration.errors.jacobian(), 2, 1)
     root = root_of(calibration.covariance).reshape(calibration.errors.sensor_count, 12, -1)

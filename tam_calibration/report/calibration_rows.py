@@ -82,7 +82,7 @@ def summary_blocks(calibration: Calibration) -> list[Block]:
     worst = np.argmax(calibration.best_residuals.sensor_intensity_T / calibration.floor.sensor_intensity_T)
     names = [name for name in figures[0] if name.startswith((f"|B|, sensor {worst + 1} ", "|B|, centre", "tensor"))]
     rows = [[name, *(number(values[name]) for values in figures)] for name in names]
-    largest = np.nanmax(calibration.standard_errors.reshape(-1, 4, 3), axis=(0, 2), initial=0)
+    largest = calibration.standard_errors.reshape(-1, 4, 3).max(axis=(0, 2))
     errors = [
         f"{kind.name} {number(kind.factor * float(error), 2)}{kind.sign.replace('nT', ' nT')}"
         for kind, error in zip(ERROR_KINDS, largest, strict=True)

@@ -279,7 +279,7 @@ class _Calibration(schema.Document):
     update: UpdateFile | None = None
     recording: _Recording
     covariance_order: str
-    covariance_SI: list[list[_Covariance]] | None
+    covariance_SI: list[list[_Covariance]]
 
 
 def calibration_of(content: dict[str, Any]) -> Calibration:
@@ -352,9 +352,7 @@ def _errors(stored: _Calibration) -> SensorErrors:
     return errors
 
 
-def _covariance(stored: _Calibration) -> FloatArray | None:
-    if stored.covariance_SI is None:
-        return None
+def _covariance(stored: _Calibration) -> FloatArray:
     size = 12 * len(stored.sensors)
     if [len(row) for row in stored.covariance_SI] != [size] * size:
         raise InputError(f"the file is damaged: covariance_SI must have {size} rows of {size} numbers")

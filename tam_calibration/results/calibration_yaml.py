@@ -156,7 +156,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
             **_without_empty(mean_temperature_C=calibration.temperature_C),
         },
         "covariance_order": _COVARIANCE_ORDER,
-        "covariance_SI": None if calibration.covariance is None else calibration.covariance.tolist(),
+        "covariance_SI": calibration.covariance.tolist(),
     }
 
 

@@ -86,15 +86,13 @@ def test_json_has_the_shares(folder):
 
 
 def test_what_is_no_prior_is_one_sentence(folder):
-    """Another array, no calibration, no covariance, options that do not go together."""
+    """Another array, no calibration, options that do not go together."""
     write_array("other.yaml", Array.cross(0.3, 1e-9, 1e-10))
     calibrate = ("calibrate", "dive.csv", "--prior", "pier.yaml")
     assert "another array" in run(*calibrate, "--array", "other.yaml", code=2)
     assert "no calibration" in run(*calibrate[:2], "--prior", "array.yaml", "--array", "array.yaml", code=2)
     assert "not with lossless" in run(*calibrate, "--array", "array.yaml", "--method", "lossless", code=2)
     assert "--effects" in run(*calibrate, "--array", "array.yaml", "--effects", "auto", code=2)
-    write_calibration("none.yaml", replace(read_calibration("pier.yaml"), covariance=None))
-    assert "no covariance" in run(*calibrate[:3], "none.yaml", "--array", "array.yaml", code=2)
 
 
 def test_attitude_that_is_not_there_is_told(folder, wu_run):

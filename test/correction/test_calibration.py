@@ -87,14 +87,14 @@ def test_the_mean_square_over_all_directions_is_that_of_the_calibration(calibrat
     assert np.array_equal(outputs, calibration.apply(calibration.errors.distort(axes)))
 
 
-def test_standard_errors_of_effects_and_of_an_unknown_covariance(calibration, recording):
-    """Those of an effect are added; without a covariance noise alone is left, the same for all samples."""
+def test_standard_errors_of_effects_and_of_an_exact_calibration(calibration, recording):
+    """Those of an effect are added; without errors of the calibration noise alone is left, the same for all samples."""
     readings = recording.readings_T[:5]
     size = EffectSize(np.zeros(9), np.full(9, 3e-9))
     _, without = calibration.apply(readings, with_errors=True)
     _, errors = replace(calibration, effects=(DRIFT,), effect_sizes=(size,)).apply(readings, with_errors=True)
     assert_allclose(errors**2 - without**2, 9e-18, rtol=1e-6)
-    _, noise = replace(calibration, covariance=None).apply(readings, with_errors=True)
+    _, noise = replace(calibration, covariance=np.zeros_like(calibration.covariance)).apply(readings, with_errors=True)
     weights = calibration.correction_matrix
     assert_allclose(noise, np.tile(1e-9 * norm(weights, axis=1), (5, 1)), rtol=1e-12)
 

@@ -84,7 +84,8 @@ def test_errors_are_those_that_are_stated(calibration, draws, missing):
 
 def perfect(calibration, array):
     """Return the calibration of perfect sensors of an array, exactly known."""
-    return replace(calibration, array=array, errors=SensorErrors.none(array.sensor_count), covariance=None)
+    errors = SensorErrors.none(array.sensor_count)
+    return replace(calibration, array=array, errors=errors, covariance=np.zeros((errors.to_vector().size,) * 2))
 
 
 def test_three_equal_sensors(calibration):

@@ -166,7 +166,7 @@ def test_covariance_turns_with_the_frame(calibration, completed):
 
 def test_covariance_of_the_outputs_is_that_of_noise_and_calibration(calibration):
     """Repeated readings of one field scatter by its noise part; its diagonal are the standard errors that are told."""
-    certain = replace(calibration, covariance=None)
+    certain = replace(calibration, covariance=np.zeros_like(calibration.covariance))
     noise = 1e-10 * np.random.default_rng(64).normal(size=(20_000, 4, 3))
     scatter, told = np.cov(certain.apply(noise).T), certain.output_covariance
     size = np.sqrt(np.diag(told))

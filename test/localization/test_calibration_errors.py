@@ -69,7 +69,8 @@ def assert_at_the_wreck(target):
 def test_a_pass_less_noisy_than_the_calibration_run_is_answered(calibration, true_errors, cross):
     """At a tenth of its noise the calibration's errors are no misfit, but a part of the standard errors."""
     recording = seen(true_errors, cross, 1e-10, [WRECK], 2)
-    [[target], [alone]] = [found(recording, one) for one in (calibration, replace(calibration, covariance=None))]
+    exact = replace(calibration, covariance=np.zeros_like(calibration.covariance))
+    [[target], [alone]] = [found(recording, one) for one in (calibration, exact)]
     assert_at_the_wreck(target)
     assert_at_the_wreck(alone)
     assert target.standard_errors_m.max() < 0.02 and target.misfit < 1.5 and not target.is_extended

@@ -76,7 +76,7 @@ def test_any_noise_is_read_as_it_was_written(mend, white, added, slow, band):
         term = replace(term, knee_hz=slow[0], exponent=slow[1])
     if band:
         term = replace(term, band_hz=band[:2], band_T=band[2])
-    own = replace(mend, calibration=replace(mend.calibration, covariance=None), added=(), noise=(term,))
+    own = replace(mend, added=(), noise=(term,))
     read = mend_of_mapping(parse_mapping(dump_mapping(mend_to_mapping(own)))).noise[0]
     assert read.band_hz == term.band_hz
     assert_array_equal([read.knee_hz, read.exponent], [term.knee_hz, term.exponent])
