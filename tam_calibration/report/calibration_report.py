@@ -93,26 +93,7 @@ def _verdict(calibration: Calibration) -> list[blocks.Block]:
     parts: list[blocks.Block] = [blocks.Text(f"{quality}.", "good" if quality.grade == "good" else "doubt")]
     if further := [blocks.sentence(reason) for reason in (*quality.reasons[1:], *calibration.notes)]:
         parts.append(blocks.Points(further))
-    if limits := _limits(calibration):
-        parts += [blocks.Text("What limits this verdict:"), blocks.Points(limits)]
     return parts
-
-
-def _limits(calibration: Calibration) -> list[str]:
-    """Return what the calibration does not claim, however good it is."""
-    limits = []
-    if not calibration.has_scalar_reference:
-        limits.append("There was no scalar reference: the absolute scale is unknown, and |B| is taken as constant.")
-    if calibration.covariance is None:
-        limits.append("The method gives no covariance: the standard errors of the parameters are unknown.")
-    if calibration.held_out is None:
-        limits.append("No samples were held out: the residuals are those of the samples that were fitted.")
-    if calibration.noise_is_estimated:
-        limits.append(
-            "Not every noise was stated: the noise floor was estimated from this recording, and a residual near it "
-            "proves less. State the noise in the array file to judge by it."
-        )
-    return limits
 
 
 def _residuals(view: _View) -> list[blocks.Block]:
