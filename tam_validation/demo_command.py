@@ -149,30 +149,49 @@ def _simulate(output: Path) -> tuple[Simulation, Simulation]:
 
 def _run_nodes(console: Console, output: Path, turned: Simulation, check: Simulation) -> FloatArray:
     """Return the rows of ``field_gradient`` of the second run, corrected with the calibration by the first."""
-    from tam_calibration.nodes.monitor import call, rows_of
+    from tam_calibration.nodes.monitor import call
 
     calibration_file = output / "calibration.yaml"
     calibration_file.unlink(missing_ok=True)  # of a demonstration before: the calibrator would load it
     logs = output / "logs"
     with Children(node_commands(calibration=calibration_file), logs) as children, watched(console, children) as monitor:
-        live, samples = rows_of(monitor, "field_gradient"), turned.recording.sample_count
+        live, samples = _rows_of(monitor, "field_gradient"), turned.recording.sample_count
         # What is played before a node listens to the collector is lost to it.
         monitor.wait_until(
-            lambda: monitor.count("collector", "listeners") == len(NODES) - 1, "the start of the nodes", _TIMEOUT_S
+            lambda: _count(monitor, "collector", "listeners") == len(NODES) - 1, "the start of the nodes", _TIMEOUT_S
         )
         _play(monitor, output / "turned.mcap", logs)
-        monitor.wait_until(lambda: monitor.count("calibrator", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
+        monitor.wait_until(
+            lambda: _count(monitor, "calibrator", "samples") == samples, f"{samples} samples", _TIMEOUT_S
+        )
         console.print(f"[bold]calibrator/calibrate[/]  {call('calibrator/calibrate', _TIMEOUT_S)}")
         console.print(f"[bold]calibrator/save[/]       {call('calibrator/save', _TIMEOUT_S)}")
         _play(monitor, output / "check.mcap", logs)
         samples += check.recording.sample_count
-        monitor.wait_until(lambda: monitor.count("collector", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
+        monitor.wait_until(lambda: _count(monitor, "collector", "samples") == samples, f"{samples} samples", _TIMEOUT_S)
         console.print(f"[bold]collector[/]             {monitor.figures('collector')['losses']}")
-        if lost := monitor.count("collector", "lost"):
+        if lost := _count(monitor, "collector", "lost"):
             raise Refused(f"{lost} messages were lost: {monitor.figures('collector')['losses']}")
         expected = check.recording.sample_count  # they arrive after the collector has counted them
         monitor.wait_until(lambda: len(live) >= expected, f"{expected} corrected samples", _TIMEOUT_S)
         return np.array(live)
+
+
+def _count(monitor: "Monitor", name: str, figure: str) -> int | None:
+    """Return a figure of a node's status that counts; None where it has none yet."""
+    value = monitor.figures(name).get(figure)
+    return None if value is None else int(value)
+
+
+def _rows_of(monitor: "Monitor", topic: str) -> list[FloatArray]:
+    """Return the rows of the clouds of a topic: a list that grows while the monitor spins."""
+    from sensor_msgs.msg import PointCloud2
+
+    from tam_calibration.nodes.topics import RELIABLE_STREAM, read_cloud
+
+    rows: list[FloatArray] = []
+    monitor.create_subscription(PointCloud2, topic, lambda cloud: rows.extend(read_cloud(cloud)[1]), RELIABLE_STREAM)
+    return rows
 
 
 def _play(monitor: "Monitor", bag: Path, logs: Path) -> None:

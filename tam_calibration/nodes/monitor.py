@@ -1,4 +1,4 @@
-"""What commands see of the nodes: answers of services, what they publish, and what they say in /diagnostics."""
+"""What commands see of the nodes: answers of services, and what they say in /diagnostics."""
 
 import math
 import re
@@ -13,13 +13,10 @@ from rich.console import Group, RenderableType
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
-from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.session import NODES, PERIOD_S, Children
-from tam_calibration.nodes.topics import RELIABLE_STREAM, read_cloud
 
 _LEVELS = {
     DiagnosticStatus.OK: ("OK", "green"),
@@ -84,19 +81,6 @@ class Monitor(Node):
     def figures(self, name: str) -> dict[str, str]:
         """Return the figures of a node's status; none before the first."""
         return _figures_of(self._statuses[name])
-
-    def count(self, name: str, figure: str) -> int | None:
-        """Return a figure of a node's status that counts; None where it has none yet.
-
-        Parameters
-        ----------
-        name : str
-            Name of the node.
-        figure : str
-            Key of the figure in its status, such as ``samples``.
-        """
-        value = self.figures(name).get(figure)
-        return None if value is None else int(value)
 
     def news(self) -> list[str]:
         """Return a line for each node whose status says something else than before, figures aside."""
@@ -189,18 +173,3 @@ def call(service: str, find_s: float) -> str:
         return str(response.message)
     finally:
         node.destroy_node()
-
-
-def rows_of(node: Node, topic: str) -> list[FloatArray]:
-    """Return the rows of the clouds of a topic: a list that grows while the node spins.
-
-    Parameters
-    ----------
-    node : Node
-        That hears them.
-    topic : str
-        Name, relative or absolute.
-    """
-    rows: list[FloatArray] = []
-    node.create_subscription(PointCloud2, topic, lambda cloud: rows.extend(read_cloud(cloud)[1]), RELIABLE_STREAM)
-    return rows
