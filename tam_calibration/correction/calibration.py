@@ -105,7 +105,7 @@ class Calibration:
     temperature_C : float, optional
         Mean temperature of the recording, if recorded.
     update : Update, optional
-        How it follows from the prior, if there was one.
+        How it follows from the prior, if there was one; a file keeps that for people, and it is not read again.
     reference : str
         What gives the absolute scale in place of a scalar magnetometer, such as IGRF; empty otherwise.
 

@@ -300,7 +300,7 @@ class LiveUpdate:
             calibration = calibration_from_yaml(text, str(self._path))
             if not calibration.is_of(self._array):
                 raise InputError(f"{self._path} is of another array")
-            if stored is not None and calibration_to_yaml(stored) != text:
+            if stored is not None and calibration_to_yaml(stored) != calibration_to_yaml(calibration):
                 raise InputError(f"{self._path} was learned with another calibration than calibration_file")
         except InputError as problem:
             try:

@@ -1,4 +1,4 @@
-"""What a calibration file contains, the calibration that it gives, and what it took from the one before it."""
+"""What a calibration file contains, and the calibration that it gives."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -13,9 +13,7 @@ from tam_calibration.correction.parts import (
     EffectSize,
     Grade,
     KnownSource,
-    Moved,
     Provenance,
-    Update,
 )
 from tam_calibration.files import schema
 from tam_calibration.model.exceptions import InputError
@@ -24,108 +22,6 @@ from tam_calibration.model.sensor_errors import Residuals, SensorErrors, orienta
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.recordings.array_yaml import ArrayFile
 from tam_calibration.results.effects_schema import EffectFile
-
-_Part = Annotated[float, schema.Bounds(least=0, most=1, may_be_nan=True)]
-_PriorError = Annotated[float, schema.Bounds(least=0, most=1e12)]
-"""SI, of an error of a sensor: a larger one means a damaged file, as in the calibration itself."""
-
-_Kind = Literal["scale factor", "non-orthogonality", "bias", "misalignment"]
-
-_UNIT_OF = {"scale factor": "", "non-orthogonality": "_deg", "bias": "_nT", "misalignment": "_deg"}
-
-
-class _ChangeFile(schema.Document):
-    kind: _Kind | Literal["several errors", "biases", "scalar reading, or the scale factors"]
-    sensor: int
-
-
-class _MovedFile(schema.Document):
-    kind: _Kind
-    sensor: int
-    change: schema.Vector | None = None
-    change_nT: schema.Vector | None = None
-    change_deg: schema.Vector | None = None
-    standard_error: schema.Vector | None = None
-    standard_error_nT: schema.Vector | None = None
-    standard_error_deg: schema.Vector | None = None
-    probability: _Part
-    rivals: list[_ChangeFile] = dataclasses.field(default_factory=list)
-    since_s: schema.Seconds | None = None
-    together: _ChangeFile | None = None
-
-    def to_moved(self) -> Moved:
-        """Return the change in SI."""
-        rivals = tuple(map(dataclasses.astuple, self.rivals))
-        change, error = self._in_si("change"), self._in_si("standard_error")
-        together = dataclasses.astuple(self.together) if self.together else None
-        return Moved(self.kind, self.sensor, change, error, self.probability, rivals, self.since_s, together)
-
-    def _in_si(self, name: str) -> FloatArray:
-        key = name + _UNIT_OF[self.kind]
-        if getattr(self, key) is None:
-            raise InputError(f"the file is damaged: a {self.kind} that moved has no {key}")
-        return np.asarray(schema.value_in_si(key, getattr(self, key)))
-
-
-class UpdateFile(schema.Document):
-    """The keys of ``update``, in the order of `Update`.
-
-    Tables have a row of twelve numbers for each sensor, SI, as ``covariance_SI`` has.
-    """
-
-    prior: str
-    change_rates: schema.RatesFile | None
-    elapsed_s: Annotated[float, schema.Bounds(least=0)] | None
-    warming_K: schema.Finite | None
-    prior_standard_errors_SI: list[list[_PriorError]]
-    data_share: list[list[_Part]]
-    chi_square: Annotated[float, schema.Bounds(least=-1e-6)]
-    freedom: int
-    probability: _Part
-    moved: list[_MovedFile]
-
-    def to_update(self, sensor_count: int) -> Update:
-        """Return the update in SI.
-
-        Raises
-        ------
-        InputError
-            When a table is not of so many sensors.
-        """
-        for name in ("prior_standard_errors_SI", "data_share"):
-            if [len(row) for row in getattr(self, name)] != [12] * sensor_count:
-                raise InputError(f"the file is damaged: {name} must have {sensor_count} rows of 12 numbers")
-        names = (each.name for each in dataclasses.fields(Update))
-        stated = dict(zip(names, schema.in_si(self), strict=True))
-        moved = tuple(each.to_moved() for each in self.moved)
-        return Update(**stated | {"rates": schema.part_of(self.change_rates), "moved": moved})
-
-
-def update_to_mapping(update: Update) -> dict[str, Any]:
-    """Return the keys and values of an update in a file."""
-    stated = zip(dataclasses.fields(UpdateFile), dataclasses.fields(Update), strict=True)
-    mapping = {key.name: schema.value_to_write(key.name, getattr(update, own.name)) for key, own in stated}
-    moved = [_moved_to_mapping(each) for each in update.moved]
-    return mapping | {"change_rates": schema.part_to_mapping(update.rates), "moved": moved}
-
-
-def _moved_to_mapping(moved: Moved) -> dict[str, Any]:
-    unit = _UNIT_OF[moved.kind]
-    return {
-        "kind": moved.kind,
-        "sensor": moved.sensor,
-        f"change{unit}": schema.value_to_write(unit, moved.change),
-        f"standard_error{unit}": schema.value_to_write(unit, moved.standard_errors),
-        "probability": moved.probability,
-        "rivals": [_change_to_mapping(rival) for rival in moved.rivals],
-        "since_s": moved.since_s,
-        "together": moved.together and _change_to_mapping(moved.together),
-    }
-
-
-def _change_to_mapping(change: tuple[str, int]) -> dict[str, Any]:
-    return dict(zip(("kind", "sensor"), change, strict=True))
-
 
 SCHEMA = "tam_calibration/calibration/1"
 
@@ -276,7 +172,7 @@ class _Calibration(schema.Document):
     reduced_chi_square: dict[str, Annotated[float, schema.Bounds(least=0, may_be_nan=True)]]
     effects: list[_Effect] = dataclasses.field(default_factory=list)
     known_source: KnownSourceFile | None = None
-    update: UpdateFile | None = None
+    update: dict[str, Any] | None = None
     recording: _Recording
     covariance_order: str
     covariance_SI: list[list[_Covariance]]
@@ -330,7 +226,6 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         known_source=None if stored.known_source is None else KnownSource(*schema.in_si(stored.known_source)),
         accepted=tuple(stored.accepted),
         temperature_C=stored.recording.mean_temperature_C,
-        update=None if stored.update is None else stored.update.to_update(errors.sensor_count),
     )
     for name, sentence in beyond_limits(calibration).items():
         if name not in stored.accepted:

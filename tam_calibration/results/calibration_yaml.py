@@ -8,9 +8,9 @@ import numpy as np
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import AmbientGradientEstimate, KnownSource, Quality
+from tam_calibration.correction.parts import AmbientGradientEstimate, KnownSource, Moved, Quality, Update
 from tam_calibration.effects.library import units_of
-from tam_calibration.files.schema import NOT_TURNED, block_to_write, value_to_write
+from tam_calibration.files.schema import NOT_TURNED, block_to_write, part_to_mapping, value_to_write
 from tam_calibration.files.text_files import in_file, read_text, write_text
 from tam_calibration.files.yaml_document import dump_mapping, parse_mapping
 from tam_calibration.model.sensor_errors import Residuals, SensorErrors, orientation_to_axes
@@ -147,7 +147,7 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
         **_without_empty(
             effects=_effects(calibration),
             known_source=calibration.known_source and _known_source(calibration.known_source),
-            update=calibration.update and calibration_schema.update_to_mapping(calibration.update),
+            update=calibration.update and _update(calibration.update),
         ),
         "recording": {
             "samples": calibration.samples,
@@ -169,6 +169,39 @@ def _known_source(found: KnownSource) -> dict[str, Any]:
     block = block_to_write(calibration_schema.KnownSourceFile, astuple(found))
     exact = ("baseline_scale", "rotation_deg")
     return {key: value if key in exact else _rounded(value) for key, value in block.items()}
+
+
+def _update(update: Update) -> dict[str, Any]:
+    """Return what a calibration took from the one before it, for people and programs: it is not read again."""
+    return {
+        "prior": update.prior,
+        "change_rates": part_to_mapping(update.rates),
+        "elapsed_s": update.elapsed_s,
+        "warming_K": update.warming_K,
+        "prior_standard_errors_SI": update.prior_standard_errors.tolist(),
+        "data_share": update.data_share.tolist(),
+        "chi_square": update.chi_square,
+        "freedom": update.freedom,
+        "probability": update.probability,
+        "moved": [_moved(each) for each in update.moved],
+    }
+
+
+def _moved(moved: Moved) -> dict[str, Any]:
+    unit = next(kind.unit for kind in ERROR_KINDS if kind.name == moved.kind)
+    values = {"change": moved.change, "standard_error": moved.standard_errors}
+    return {
+        **_change((moved.kind, moved.sensor)),
+        **{f"{name}_{unit}".rstrip("_"): value_to_write(unit, value) for name, value in values.items()},
+        "probability": moved.probability,
+        "rivals": [_change(rival) for rival in moved.rivals],
+        "since_s": moved.since_s,
+        "together": moved.together and _change(moved.together),
+    }
+
+
+def _change(change: tuple[str, int]) -> dict[str, Any]:
+    return dict(zip(("kind", "sensor"), change, strict=True))
 
 
 def _gradient(gradient: AmbientGradientEstimate | None) -> dict[str, Any]:
