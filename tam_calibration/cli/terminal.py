@@ -64,27 +64,10 @@ def path_option(name: str, help_text: str, required: bool = False) -> Callable[.
 array_option = path_option("--array", "Array YAML: positions and noise of the sensors.", required=True)
 
 
-def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
-    """Return how a shell completes an option that takes names, or several that commas separate.
-
-    Parameters
-    ----------
-    names : callable
-        Returns the names; called when a shell asks.
-    """
-
-    def complete(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-        before, comma, last = incomplete.rpartition(",")
-        return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
-
-    return complete
-
-
 accept_option = click.option(
     "--accept",
     multiple=True,
     metavar="NAME",
-    shell_complete=completed(lambda: ACCEPTABLE),
     help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}.",
 )
 
