@@ -19,9 +19,7 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("long", "short"), [("--output", "-o"), ("--verbose", "-v"), ("--quiet", "-q")], ids=["output", "verbose", "quiet"]
-)
+@pytest.mark.parametrize(("long", "short"), [("--output", "-o"), ("--verbose", "-v")], ids=["output", "verbose"])
 def test_a_letter_and_its_word_go_together(long, short):
     """Neither is found without the other, in any command."""
     found = [(name, set(option.opts)) for name, option in OPTIONS if {long, short} & set(option.opts)]
