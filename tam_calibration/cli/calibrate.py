@@ -59,7 +59,7 @@ class Found(NamedTuple):
 
     calibration: Calibration
     shown: Recording
-    usage: Usage | None
+    usage: Usage
     delays: "Delays | None"
 
 
@@ -92,7 +92,7 @@ def _remarks(found: Found) -> list[str]:
 
     weakness = "" if found.calibration.update else str(find_weakness(found.shown, found.calibration))
     delays = "" if found.delays is None else _delays_in_words(found.delays)
-    return [each for each in (weakness, str(found.usage or ""), delays) if each]
+    return [each for each in (weakness, str(found.usage), delays) if each]
 
 
 def _gradient(gradient: AmbientGradientEstimate) -> str:
@@ -277,10 +277,9 @@ def _complete(calibration: Calibration, stated: StatedSource, how: Reading, prog
 
     how = replace(how, channel_map=None, window=AS_IT_IS.window)
     seen, usage = read_source(stated.recording, calibration.array, how, terminal.reading(progress))
-    if usage is not None:
-        usage.require_enough()
+    usage.require_enough()
     completed = complete(calibration, seen.whole(), stated.source, stated.frequency_hz)
-    return completed if usage is None else replace(completed, warnings=(*completed.warnings, *usage.warnings()))
+    return replace(completed, warnings=(*completed.warnings, *usage.warnings()))
 
 
 def _with_intensity(recording: Recording, place: str) -> Recording:

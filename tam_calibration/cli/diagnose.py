@@ -84,7 +84,7 @@ def command(
             from tam_calibration.report.gap_report import write_gap_report
 
             write_gap_report(places["report"], gap, source)
-        used = [] if usage is None else [Text(sentence(str(usage)))]
+        used = [Text(sentence(str(usage)))] if usage.received else []
         effects = ",".join(cause.fitted.effect for cause in gap.causes)
         words = ("calibrate", recording, "--array", array_path, "--effects", effects, "-o", "calibration.yaml")
         answer.give(
@@ -104,20 +104,20 @@ def _diagnose(
     calibration_path: Path | None,
     how: Reading,
     accept: tuple[str, ...],
-) -> tuple[Gap, Usage | None]:
+) -> tuple[Gap, Usage]:
     """Return the diagnosis of a recording, and how many of its samples were used."""
     for name in without:
         effect_named(name)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
     with terminal.showing_progress() as progress:
         source, usage = read_source(path, array, how, terminal.reading(progress), each_once=calibration is None)
-        remarks = () if usage is None else usage.remarks()
+        remarks = usage.remarks()
         if calibration is not None:
             if not calibration.is_of(array):
                 raise InputError(f"{calibration_path} is the calibration of another array: use the one of this array")
             seen, of_stretches = in_stretches(source)
             source, remarks = calibration.without_effects(seen), (*remarks, *of_stretches)
-            source = source if usage is None else usage.with_each_reading_once(source)
+            source = usage.with_each_reading_once(source)
         going_on = terminal.progress_of(progress, "diagnosing")
         gap = diagnose(source, array, without=without, progress=going_on, accept=accept)
     return replace(gap, remarks=(*remarks, *gap.remarks)), usage

@@ -220,7 +220,7 @@ def _read(path: Path, array: Array, how: Reading) -> Recording:
     with terminal.showing_progress() as progress:
         source, usage = read_source(path, array, how, terminal.reading(progress))
         data = source.whole()
-    for remark in () if usage is None else usage.missing:
+    for remark in usage.missing:
         say(f"warning: {remark}", err=True)
     return data
 

@@ -316,7 +316,7 @@ def _start(
         return planning.start_from_nothing(known, float(np.linalg.norm(field_T)))
     source, usage = read_source(recording_path, array, how, terminal.reading(progress))
     recording = source.whole()
-    for remark in () if usage is None else usage.missing:
+    for remark in usage.missing:
         say(f"warning: {remark}", err=True)
     if field_T is not None and recording.scalar_T is None:
         recording = replace(recording, scalar_T=np.full(recording.sample_count, np.linalg.norm(field_T)))

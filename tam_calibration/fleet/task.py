@@ -305,7 +305,7 @@ def _work(task: Task, folder: Path) -> Result:
         calibration = calibration or results.read_calibration(folder / "calibration.yaml")
     with steps.step("diagnose"):
         found = diagnose(source, options.array)
-        gap = replace(found, remarks=(*(() if usage is None else usage.remarks()), *found.remarks))
+        gap = replace(found, remarks=(*usage.remarks(), *found.remarks))
         write_gap(folder / "gap.json", gap, origin)
         rest["gap"] = _in_short(gap_to_mapping(gap))
     if calibration is not None:
@@ -314,14 +314,14 @@ def _work(task: Task, folder: Path) -> Result:
     return task.result(steps.status, steps.problems, **rest)
 
 
-def _read(path: Path, options: Options) -> tuple[SampleSource, Usage | None]:
+def _read(path: Path, options: Options) -> tuple[SampleSource, Usage]:
     """Return samples for a fit, without what effects of the given calibration add, and their usage."""
     source = path, options.array, options.how
     if options.calibration is None or not options.calibration.effects:
         return read_source(*source)
     samples = read_samples(*source)
-    quiet, usage = options.calibration.without_effects(samples.recording), samples.usage
-    return (quiet if usage is None else usage.with_each_reading_once(quiet)), usage
+    quiet = options.calibration.without_effects(samples.recording)
+    return samples.usage.with_each_reading_once(quiet), samples.usage
 
 
 def _in_short(content: dict[str, Any]) -> dict[str, Any]:

@@ -127,7 +127,9 @@ class Usage:
         return json.dumps(asdict(self), ensure_ascii=False)
 
     def __str__(self) -> str:
-        """Return the usage as a clause for people."""
+        """Return the usage as a clause for people; empty where no messages are known."""
+        if not self.received:
+            return ""
         why = f": {'; '.join(self.reasons)}" if self.reasons else ""
         return f"{self.used} of {self.received} samples of sensor 1 used{why}"
 
@@ -246,6 +248,10 @@ class Usage:
         """
         self.require_enough()
         return tuple(f"{warning[0].upper()}{warning[1:]}." for warning in (*self.warnings(), *self.missing))
+
+
+NO_USAGE = Usage(0, 0)
+"""Of samples that were not joined of messages, and of which nothing is missing."""
 
 
 def _of_type(kind: Any, value: Any) -> Any:
@@ -449,8 +455,8 @@ class Samples:
         The samples.
     stamps_ns : (N,) array of int, optional
         Stamps of their messages, nanoseconds; None where they were no messages.
-    usage : Usage, optional
-        How many of sensor 1's messages were used so far; None where they were no messages.
+    usage : Usage
+        How many of sensor 1's messages were used so far.
     missing : (N,) array of int, optional
         Which sensors each sample lacks, bit k for sensor k + 1; their readings are the mean of the others'. None
         where no sample lacks any.
@@ -458,7 +464,7 @@ class Samples:
 
     recording: Recording
     stamps_ns: IntArray | None = None
-    usage: Usage | None = None
+    usage: Usage = NO_USAGE
     missing: IntArray | None = None
 
 

@@ -19,7 +19,7 @@ from tam_calibration.gap.calibration_with_effects import explained
 from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.point_cloud import layout_of
-from tam_calibration.messages.samples import Usage
+from tam_calibration.messages.samples import NO_USAGE, Usage
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import FEWEST_SAMPLES
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work
@@ -216,7 +216,7 @@ class Calibrator(TamNode):
                 if 0 < count < FEWEST_SAMPLES and len(self._store) < FEWEST_SAMPLES:
                     raise Refused(f"just started: {count} readings of each sensor have come, keep turning")
                 return usage
-        return Usage(0, 0)
+        return NO_USAGE
 
     def _go_on(self, stage: str, done: float) -> None:
         """Note how far a diagnosis is, and give it up when the node shall end."""
@@ -257,7 +257,7 @@ def _check_accept(names: str) -> None:
 
 
 def _in_words(usage: Usage) -> str:
-    return str(usage) if usage.received else "no collector says how many samples of sensor 1 were used"
+    return str(usage) or "no collector says how many samples of sensor 1 were used"
 
 
 def _figures_of(gap: Gap | None) -> dict[str, object]:

@@ -18,7 +18,7 @@ from tam_calibration.fit.coverage import Coverage
 from tam_calibration.fit.turns import LiveCoverage
 from tam_calibration.messages.missing import LiveMissing, are
 from tam_calibration.messages.point_cloud import CHANNEL_TOPICS, SampleLayout
-from tam_calibration.messages.samples import Usage, turns_of, why_doubled
+from tam_calibration.messages.samples import NO_USAGE, turns_of, why_doubled
 from tam_calibration.messages.stream import SILENCE_NS, sensor_stream
 from tam_calibration.messages.synchroniser import Sample, Synchroniser
 from tam_calibration.messages.timeline import Run, StampFigures
@@ -336,7 +336,7 @@ class Collector(TamNode):
 
     def _tell_usage(self) -> str:
         """Return how many of sensor 1's samples were used, and why not the others, as JSON."""
-        usage = Usage(0, 0)
+        usage = NO_USAGE
         if self._synchroniser:
             self._count_lost(self._synchroniser)
             usage = self._synchroniser.usage

@@ -17,7 +17,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.schema import Bounds, Document, Place, Vector, check
 from tam_calibration.files.text_files import MOST_BYTES
 from tam_calibration.files.yaml_document import mapping_in
-from tam_calibration.messages.samples import Progress, Samples, Usage
+from tam_calibration.messages.samples import NO_USAGE, Progress, Samples, Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import BLOCK, Block, InterpolatedNoise, Recording, SampleSource
@@ -66,8 +66,8 @@ class RecordingStream:
         When the pieces do not follow each other in time, or there is no room for them.
     """
 
-    usage: Usage | None = None
-    """How many of sensor 1's messages are in it, as its last piece says; None where they were no messages."""
+    usage: Usage = NO_USAGE
+    """How many of sensor 1's messages are in it, as its last piece says."""
 
     interpolated_noise: InterpolatedNoise | None = None
     """What interpolation made of the sensors' noise."""
@@ -184,7 +184,7 @@ def read_source(
     reading: Reading = AS_IT_IS,
     progress: Progress = lambda done, total: None,
     each_once: bool = True,
-) -> tuple[SampleSource, Usage | None]:
+) -> tuple[SampleSource, Usage]:
     """Read a recording for a fit into memory, or where it is large into temporary files. Return with it its usage.
 
     Parameters
@@ -198,8 +198,8 @@ def read_source(
     -------
     source : SampleSource
         The samples.
-    usage : Usage or None
-        How many samples were used, and what is missing; None where nothing was joined and nothing is missing.
+    usage : Usage
+        How many samples were used, and what is missing.
 
     Raises
     ------
@@ -213,20 +213,18 @@ def read_source(
     else:
         samples = read_samples(path, array, reading, progress)
         source, usage = samples.recording, samples.usage
-    return (usage.with_each_reading_once(source) if usage is not None and each_once else source), usage
+    return (usage.with_each_reading_once(source) if each_once else source), usage
 
 
-def fit_with_usage(
-    samples: SampleSource, usage: Usage | None, fit: Callable[[SampleSource], Calibration]
-) -> Calibration:
+def fit_with_usage(samples: SampleSource, usage: Usage, fit: Callable[[SampleSource], Calibration]) -> Calibration:
     """Return the calibration of samples, with what became of the messages that they come from.
 
     Parameters
     ----------
     samples : SampleSource
         With each reading once.
-    usage : Usage or None
-        Of the messages; None where nothing was joined and nothing is missing.
+    usage : Usage
+        Of the messages.
     fit : callable
         From samples to a calibration.
 
@@ -235,8 +233,6 @@ def fit_with_usage(
     InputError, Refused
         Where less than half of the messages were used, before the fit, and as the fit.
     """
-    if usage is None:
-        return fit(samples)
     usage.require_enough()
     calibration = fit(samples)
     interpolated = usage.interpolation_warnings(samples, calibration.array.vector_noise_T)
@@ -278,7 +274,7 @@ def read_compared(
     """
     with _said_of(role):
         source, usage = read_source(path, array, how, progress)
-        return source, () if usage is None else tuple(f"The {role}: {remark}" for remark in usage.remarks())
+        return source, tuple(f"The {role}: {remark}" for remark in usage.remarks())
 
 
 def read_array_of(role: Role, path: Path, recording: Path) -> Array:

@@ -187,7 +187,7 @@ def read_recording(
     station = None if base_station is None else Path(base_station)
     reading = Reading(as_map(map), window, unwrap, station, tolerance_s, sensor_count=sensor_count)
     samples = read_samples(Path(path), array, reading)
-    for remark in () if samples.usage is None else samples.usage.missing:
+    for remark in samples.usage.missing:
         log.warning("%s: %s", path, remark)
     return samples.recording
 

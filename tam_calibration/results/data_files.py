@@ -173,7 +173,7 @@ def correct_file(
             right_units += 1
         except InputError as problem:
             wrong_units.append(problem)
-        remarks = (*(() if samples.usage is None else samples.usage.missing), *failing.sentences())
+        remarks = (*samples.usage.missing, *failing.sentences())
         yield replace(corrected, scalar_T=clean.scalar_T, remarks=remarks), samples.stamps_ns
     if len(wrong_units) > right_units:
         raise wrong_units[0]

@@ -8,6 +8,7 @@ from inspected import columns_of, times, turned, write_text
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.messages.samples import NO_USAGE
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.mounting import Mounting
@@ -49,7 +50,7 @@ def test_a_channel_without_any_reading_is_told(tmp_path):
     _, usage = read_source(table(tmp_path, scalar_nT=[""] * 400))
     assert usage.warnings() == ("all 400 readings of the scalar are missing",)
     slow = [48_000 if place % 20 == 0 else "" for place in range(400)]
-    assert read_source(table(tmp_path, scalar_nT=slow))[1] is None
+    assert read_source(table(tmp_path, scalar_nT=slow))[1] == NO_USAGE
 
 
 def test_sensors_that_are_read_in_turn_are_joined_by_time(tmp_path):
