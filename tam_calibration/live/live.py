@@ -73,6 +73,11 @@ class Change:
         """What it does to readings, as a diagnosis says it: a step of an offset, a gain, or both."""
         return _law_of(self.parameters)
 
+    @property
+    def is_of_field(self) -> bool:
+        """Whether the field has most probably changed, and no sensor."""
+        return self.parameters[0] == GRADIENT
+
 
 @dataclass(frozen=True, eq=False)
 class LiveState:

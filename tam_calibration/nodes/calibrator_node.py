@@ -164,9 +164,15 @@ class Calibrator(TamNode):
         usage.require_enough()
         array, accept = self._array, names_in(self.value("accept"))
         fit = partial(calibrate, array=array, method=self.value("method"), accept=accept, prior=self._prior())
-        samples = usage.with_each_reading_once(self._store.recording())
+        recording, left_out = self._live.since_change(self._store.recording())
+        samples = usage.with_each_reading_once(recording)
         explain = partial(explained, samples=samples, array=array, progress=self._go_on, accept=accept)
-        calibration = naming_causes(lambda: fit_with_usage(samples, usage, fit), explain)
+        try:
+            calibration = naming_causes(lambda: fit_with_usage(samples, usage, fit), explain)
+        except (InputError, Refused) as problem:
+            raise type(problem)(f"{problem}; {left_out}" if left_out else str(problem)) from problem
+        if left_out:
+            calibration = replace(calibration, notes=(left_out, *calibration.notes))
         self._live.begin(calibration)
         self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)

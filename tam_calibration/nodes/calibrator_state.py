@@ -12,10 +12,11 @@ import numpy as np
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.streaming import EffectRemoval
 from tam_calibration.fit.prior import has_date, prior_of
-from tam_calibration.live.live import ON_CHANGE, Live, LiveState
+from tam_calibration.live.live import ON_CHANGE, Change, Live, LiveState
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 from tam_calibration.nodes.base import OK, WARN, TamNode
 from tam_calibration.nodes.calibrated import duration
@@ -171,6 +172,7 @@ class LiveUpdate:
         self._live: Live | None = None
         self._removal: EffectRemoval | None = None
         self._saved: LiveState | None = None
+        self._changes: tuple[Change, ...] = ()
         self._told = 0
         self.problem = self._unkept = ""
 
@@ -196,9 +198,23 @@ class LiveUpdate:
         return self._live.calibration
 
     def begin(self, stored: Calibration) -> None:
-        """Begin anew, with the next sample, with a calibration that was fitted."""
+        """Begin anew, with the next sample, with a calibration that was fitted; the changes before it stay known."""
         with self._lock:
+            self._changes = self._known_changes
             self._live, self._stored, self.problem = None, stored, ""
+
+    @property
+    def _known_changes(self) -> tuple[Change, ...]:
+        return self._changes if self._live is None else self._live.state.changes
+
+    def since_change(self, recording: Recording) -> tuple[Recording, str]:
+        """Return the samples of the sensors as they are, and a remark if others before a change are left out."""
+        last = next((change for change in reversed(self._known_changes) if not change.is_of_field), None)
+        is_since = recording.time_s >= (-np.inf if last is None else last.since_s)
+        if last is None or is_since.all() or not is_since.any():  # without a later sample it was in another run
+            return recording, ""
+        count = np.count_nonzero(~is_since)
+        return recording.take(is_since), f"{count} samples before {_when(last.since_s)} are left out: {last.sentence}"
 
     def add(self, rows: FloatArray) -> None:
         """Take whole samples (n, columns of the whole layout), and publish the calibration where it has changed."""
@@ -268,11 +284,13 @@ class LiveUpdate:
 
     def _begin(self, stored: Calibration, time_s: float, state: LiveState | None) -> None:
         self._stored, self._text = stored, calibration_to_yaml(stored)
-        self._told = len(state.changes) if state else 0
+        self._told = len(state.changes if state else self._changes)
         try:
             self._removal = EffectRemoval(stored)
             prior = prior_of(stored, time_s, None, self._array.change_rates)
             self._live = Live(prior, self._node.value("on_change"), state)
+            if state is None:
+                self._live.state = replace(self._live.state, changes=self._changes)
         except InputError as problem:
             self.problem = f"not updated: {problem}"
 

@@ -73,6 +73,11 @@ def test_a_change_is_told_and_learned_and_outlasts_a_restart(bench, recording, c
     _, figures = bench.health("calibrator", lambda _, figures: "learned" in figures, "it is there")
     assert int(figures["learned"]) > COUNT / 2 and figures["changes"] == "1"
     assert bench.call("calibrator/save").success
+    answer = bench.call("calibrator/calibrate")
+    assert answer.success and " samples before " in answer.message
+    assert " are left out: offset, in a step: bias of sensor 2 by x +3" in answer.message
+    fitted = calibration_from_yaml(calibrations[-1].data, "calibration")
+    assert np.abs((fitted.errors.bias_T[1] - after.bias_T[1]) / fitted.standard_errors[1, 6:9]).max() < 4
 
 
 def test_what_was_learned_of_another_array_is_set_aside(bench, recording, cross, tmp_path):
@@ -113,3 +118,28 @@ def test_what_is_learned_is_kept_once_there_is_room(cross, tmp_path, monkeypatch
     update.save()
     update.save()
     assert written == [update._live.state] and (update.level, update.sentence()) == (OK, "learns")
+
+
+def test_samples_before_a_change_of_a_sensor_enter_no_calibration(recording, cross, tmp_path):
+    """Nor after the next calibration; a change of the field, and one of a later run, leave all samples in."""
+    from tam_calibration.live.live import Change
+    from tam_calibration.nodes.calibrator_state import LiveUpdate
+
+    update = LiveUpdate(SimpleNamespace(value=lambda name: True), cross, None, lambda calibration: None)
+    assert update.since_change(recording) == (recording, "")
+
+    def found(*changes):
+        update._live = SimpleNamespace(state=SimpleNamespace(changes=changes))
+
+    field = Change(recording.time_s[80], "offset, in a step: near a source", 0, ("gradient of the field", "bias"))
+    found(field)
+    assert update.since_change(recording) == (recording, "")
+    knock = Change(recording.time_s[40], "offset, in a step: bias of sensor 2; it is not learned", 2, ("bias",))
+    found(knock, field)
+    for _ in range(2):
+        kept, remark = update.since_change(recording)
+        assert kept.sample_count == recording.sample_count - 40
+        assert remark.startswith("40 samples before ") and remark.endswith(f"are left out: {knock.sentence}")
+        update.begin(None)
+    found(Change(recording.time_s[-1] + 1, "later", 2, ("bias",)))
+    assert update.since_change(recording) == (recording, "")
