@@ -8,8 +8,8 @@ For each case it prints
 - the part of all parameters' errors within the 95 % intervals that are told, and the same of the gradient's;
 - RMSE of the gradient's components.
 
-Attitude errors are 1° of noise about each axis, and an instrument mounted turned by 1°; the fit aligns attitudes with
-the field, and does not know of them otherwise.
+Attitude errors are 1° of noise about each axis, and an instrument mounted turned by 1°; the fit aligns attitudes
+with the field, and does not know of them otherwise.
 """
 
 from concurrent.futures import ProcessPoolExecutor
@@ -27,6 +27,8 @@ from scipy.spatial.transform import Rotation
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
+from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla, to_nanotesla
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
@@ -46,6 +48,7 @@ GROUPS = {
     "non-orthogonality": slice(3, 6),
     "misalignment": slice(9, 12),
 }
+COMPONENTS = ("gradient xx", "gradient xy", "gradient xz", "gradient yy", "gradient yz")
 WITHIN_95 = 1.959964
 """Standard deviations of a normal variable between which 95 % lie."""
 
@@ -103,17 +106,21 @@ def score(case: Case, seed: int) -> dict[str, FloatArray]:
     )
     mounted = Rotation.from_quat(run.recording.attitude) * Rotation.from_rotvec(noise * MOUNT)
     recording = replace(run.recording, attitude=mounted.as_quat())
-    calibration = maximum_likelihood(recording, array, ambient_gradient=case.is_fitted)
+    if case.is_fitted:
+        calibration = calibrate_with_effects(recording, array, ["ambient_gradient"])
+    else:
+        calibration = maximum_likelihood(recording, array)
     variance = np.diag(bound(run.center_field_T, run.errors, array.with_stated_noise(), has_scalar=True)).reshape(4, 12)
     error = calibration.errors.to_vector() - run.errors.to_vector()
-    found = calibration.ambient_gradient
-    missing = np.full((3, 3), np.nan)
+    found, told = np.full((2, 5), np.nan)
+    for part in (part for effect in calibration.effects for part in effect.contributions if part.term == "degree 2"):
+        found, told = (np.array([each[name] for name in COMPONENTS]) for each in (part.values, part.standard_errors))
     return {
         "error": error[1:],
         "bound": np.sqrt(variance)[1:],
         "told": calibration.standard_errors[1:],
-        "gradient": missing if found is None else found.tensor_T_per_m - gradient,
-        "gradient told": missing if found is None else found.standard_errors_T_per_m,
+        "gradient": (found - gradient[TENSOR_ROWS, TENSOR_COLUMNS])[None],
+        "gradient told": told[None],
     }
 
 

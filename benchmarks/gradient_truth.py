@@ -26,10 +26,10 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.core.field_alignment import find_turn
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS
-from tam_calibration.fit.recorded_attitude import find_turn
 from tam_calibration.model.array import OUTPUT_NAMES, Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording

@@ -13,17 +13,15 @@ from rich.progress import Progress
 from tam_calibration.cli import terminal
 from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import AmbientGradientEstimate
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.consistency import naming_causes
-from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.integrity.fault import names_in
 from tam_calibration.messages.samples import Usage
-from tam_calibration.model.array import OUTPUT_NAMES, Array
+from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.geomagnetic_field import OF_IGRF, field_at
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
-from tam_calibration.model.units import from_degrees, to_nanotesla
+from tam_calibration.model.units import from_degrees
 from tam_calibration.recordings import provenance, read_array, transforms_in
 from tam_calibration.recordings.channel_map import AS_IT_IS, Reading
 from tam_calibration.recordings.fit_input import StatedSource, fit_with_usage, read_known_source, read_source
@@ -43,7 +41,6 @@ class Wanted:
     place: str | None
     prior_path: Path | None
     attitude_noise_deg: float | None
-    ambient_gradient: bool
     effects: str | None
     estimate_delays: bool
     accept: tuple[str, ...]
@@ -55,7 +52,7 @@ class Wanted:
 
 
 class Found(NamedTuple):
-    """A calibration, the samples to show without the fitted gradient, how many were used, and the delays found."""
+    """A calibration, the samples to show, how many were used, and the delays found."""
 
     calibration: Calibration
     shown: Recording
@@ -74,8 +71,6 @@ def _summary(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
 def _tables(calibration: Calibration, remarks: Sequence[str]) -> list[Block]:
     """Return parameters, residuals, coverage, what to know, and how to apply the calibration by hand."""
     words = [sentence(each) for each in (*calibration.notes, *remarks)]
-    if calibration.ambient_gradient is not None:
-        words.append(_gradient(calibration.ambient_gradient))
     return [
         *(Text(f"Warning: {sentence(warning)}", "doubt") for warning in calibration.warnings),
         *calibration_rows.parameter_blocks(calibration),
@@ -93,13 +88,6 @@ def _remarks(found: Found) -> list[str]:
     weakness = "" if found.calibration.update else str(find_weakness(found.shown, found.calibration))
     delays = "" if found.delays is None else _delays_in_words(found.delays)
     return [each for each in (weakness, str(found.usage), delays) if each]
-
-
-def _gradient(gradient: AmbientGradientEstimate) -> str:
-    upper = np.triu_indices(3)
-    values, errors = to_nanotesla(gradient.tensor_T_per_m[upper]), to_nanotesla(gradient.standard_errors_T_per_m[upper])
-    parts = map(" ".join, zip(OUTPUT_NAMES[3:], with_errors(values, errors, 2), strict=True))
-    return f"Gradient of the field in the world of the attitude (nT/m): {', '.join(parts)}."
 
 
 @click.command()
@@ -125,9 +113,6 @@ def _gradient(gradient: AmbientGradientEstimate) -> str:
     type=terminal.NumberOrEstimate(1e-4, 28),
     help="Use the recorded attitude in the fit: its standard deviation about each axis, or estimate. It must come from "
     "gyroscope and accelerometer; the heading of an AHRS with a magnetometer is left out.",
-)
-@click.option(
-    "--ambient-gradient", is_flag=True, help="Also fit a gradient of the site's field, using the recorded attitude."
 )
 @click.option(
     "--effects",
@@ -219,7 +204,6 @@ def _fit_of(wanted: Wanted) -> Callable[[SampleSource, Array], Calibration]:
         return partial(
             calibrate,
             method=wanted.method,
-            ambient_gradient=wanted.ambient_gradient,
             accept=wanted.accept,
             prior=None if wanted.prior_path is None else read_calibration(wanted.prior_path),
             main_field_T=field_T,
@@ -228,8 +212,6 @@ def _fit_of(wanted: Wanted) -> Callable[[SampleSource, Array], Calibration]:
         raise InputError("--prior and --attitude-noise-deg do not go with --effects: take one after the other")
     if wanted.method != DEFAULT_METHOD:
         raise InputError(f"{wanted.method} cannot fit effects: {DEFAULT_METHOD} can")
-    if wanted.ambient_gradient:
-        raise InputError("name the gradient among the effects instead: --effects ambient_gradient")
     names = names_in(wanted.effects)
     if not names:
         raise InputError("--effects names none: give names such as temperature_drift, or auto")
@@ -267,7 +249,6 @@ def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progr
     calibration = naming_causes(lambda: fit_with_usage(samples, usage, lambda seen: fit(seen, array)), explain)
     calibration = replace(calibration, source=provenance(path), reference=reference or calibration.reference)
     shown = samples if isinstance(samples, Recording) else samples.thinned(SKETCH)
-    shown = as_if_uniform(shown, calibration.errors, array, calibration.ambient_gradient).whole()
     return Found(calibration, shown, usage, delays)
 
 

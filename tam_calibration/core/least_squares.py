@@ -128,7 +128,7 @@ class Normal:
 
         Parameters
         ----------
-        response : (12 K, 3, 4) array
+        response : (12 K, 12) array
             Of the field to the rows [D Λ | o], as of ``ChannelMaps``.
         moments : (13 + Q, 13 + Q) array
             Of the whitened derivatives by direction ⊗ [field, 1] and by the other unknowns, and of the residuals.
@@ -137,7 +137,7 @@ class Normal:
         """
         from scipy.linalg import block_diag
 
-        jacobian = block_diag(response.reshape(-1, 12), np.eye(len(moments) - 13))
+        jacobian = block_diag(response, np.eye(len(moments) - 13))
         score = -jacobian @ moments[:-1, -1]
         return cls(jacobian @ moments[:-1, :-1] @ jacobian.T, score, float(moments[-1, -1]), count)
 

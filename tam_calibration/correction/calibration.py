@@ -9,7 +9,6 @@ import numpy as np
 
 from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.correction.parts import (
-    AmbientGradientEstimate,
     Corrected,
     EffectSize,
     Grade,
@@ -38,11 +37,6 @@ _SCALE_STATEMENT = (
     "Without a scalar reference the absolute scale is unknown: the determinants of the matrices are given the "
     "geometric mean 1, and the intensity is on that scale too. --place LAT,LON,DATE takes the intensity from IGRF."
 )
-_GRADIENT_STATEMENT = (
-    "The field of the recording was taken to have a gradient, the same throughout in the world of the attitude; it was "
-    "fitted together with the errors, and residuals are those without it."
-)
-
 _EFFECTS_STATEMENT = (
     "Effects were fitted together with the errors; residuals are those without what they add, and data are corrected "
     "without it. An effect of the site stays in the data."
@@ -90,8 +84,6 @@ class Calibration:
         Residuals of samples that the fit did not see.
     source : Provenance, optional
         Where the recording came from.
-    ambient_gradient : AmbientGradient, optional
-        The gradient that was fitted with the errors, if requested.
     frame : str
         Description of the array frame, one or more sentences.
     effects : tuple of FittedEffect
@@ -143,7 +135,6 @@ class Calibration:
     notes: tuple[str, ...] = ()
     held_out: Residuals | None = None
     source: Provenance | None = None
-    ambient_gradient: AmbientGradientEstimate | None = None
     frame: str = FRAME_STATEMENT
     effects: tuple[FittedEffect, ...] = ()
     effect_sizes: tuple[EffectSize, ...] = ()
@@ -180,9 +171,8 @@ class Calibration:
     def statements(self) -> tuple[str, ...]:
         """Sentences on the frame and on what the data could not determine."""
         scale = () if self.has_scalar_reference else (_SCALE_STATEMENT,)
-        gradient = () if self.ambient_gradient is None else (_GRADIENT_STATEMENT,)
         effects = (_EFFECTS_STATEMENT,) if self.effects else ()
-        return (self.frame, *scale, *gradient, *effects)
+        return (self.frame, *scale, *effects)
 
     def is_of(self, array: Array) -> bool:
         """Whether it is of an array as stated, whose baselines a known source may have corrected since.

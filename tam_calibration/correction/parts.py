@@ -16,22 +16,6 @@ from tam_calibration.model.units import FloatArray, IntArray, to_nanotesla
 
 
 @dataclass(frozen=True, eq=False)
-class AmbientGradientEstimate:
-    """The gradient that a fit found in the field of its recording, in the world of the attitude.
-
-    Parameters
-    ----------
-    tensor_T_per_m : (3, 3) array
-        Symmetric and trace-free, T/m.
-    standard_errors_T_per_m : (3, 3) array
-        Of each component, T/m.
-    """
-
-    tensor_T_per_m: FloatArray
-    standard_errors_T_per_m: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class EffectSize:
     """Contribution of an effect to the outputs of an array if it is not removed: T and T/m.
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.linalg import norm
 
 from tam_calibration.core.harmonics import derivatives, fields
 from tam_calibration.effects.covariates import LEAST_TURN, jumps, to_world
@@ -19,94 +18,9 @@ from tam_calibration.effects.lags import SLOWER, followed, time_constants_s
 from tam_calibration.effects.recursions import mode
 from tam_calibration.effects.term import matrix_terms, matrix_units, scalar_term
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
-from tam_calibration.model.recording import Recording, is_further, unit_of
-from tam_calibration.model.sensor_errors import SensorErrors
+from tam_calibration.model.recording import is_further, unit_of
 from tam_calibration.model.units import FloatArray
-
-
-def turned(tensors: FloatArray, attitude: FloatArray) -> FloatArray:
-    """Return tensors (P, 3, 3) of the world as (N, P, 3, 3) in the array frame at attitudes (N, 4).
-
-    Parameters
-    ----------
-    tensors : (P, 3, 3) array
-        P gradients in the world, T/m.
-    attitude : (N, 4) array
-        Quaternions x, y, z, w from the array to the world.
-    """
-    from scipy.spatial.transform import Rotation
-
-    matrix = Rotation.from_quat(attitude).as_matrix()[:, None]
-    return np.asarray(np.swapaxes(matrix, 2, 3) @ tensors @ matrix)
-
-
-def gradient_field(gradient_T_per_m: FloatArray, attitude: FloatArray, positions_m: FloatArray) -> FloatArray:
-    """Return what a gradient (3, 3) of the world adds to the field at positions (P, 3) of the array: (N, P, 3), T.
-
-    Parameters
-    ----------
-    gradient_T_per_m : (3, 3) array
-        Gradient of the ambient field in the world, T/m.
-    attitude : (N, 4) array
-        Quaternions x, y, z, w from the array to the world.
-    positions_m : (P, 3) array
-        Positions in the array frame, metres.
-    """
-    tensors = turned(gradient_T_per_m[None], attitude)[:, 0]
-    return np.asarray(np.einsum("nij,pj->npi", tensors, positions_m))
-
-
-def require_attitude(recording: Recording) -> Recording:
-    """Return the samples of a recording whose attitude is known.
-
-    Raises
-    ------
-    InputError
-        When there are none.
-    """
-    if recording.attitude is None:
-        raise InputError(
-            "an ambient gradient turns in the array frame as the array is turned, and the recording has no attitude: "
-            "record it, or calibrate where the field is uniform"
-        )
-    known = np.flatnonzero(np.isfinite(recording.attitude).all(axis=1))
-    return recording if len(known) == recording.sample_count else recording.take(known)
-
-
-def without_gradient(
-    recording: Recording, errors: SensorErrors, array: Array, gradient_T_per_m: FloatArray
-) -> Recording:
-    """Return what the sensors and the scalar magnetometer would have read in the field of the array's centre.
-
-    Parameters
-    ----------
-    recording : Recording
-        With attitude; samples without are left out.
-    errors : SensorErrors
-        Of the sensors.
-    array : Array
-        Positions of the sensors and of the scalar magnetometer.
-    gradient_T_per_m : (3, 3) array
-        Gradient of the ambient field in the world, T/m.
-
-    Raises
-    ------
-    InputError
-        When the recording has no attitude.
-    """
-    recording = require_attitude(recording)
-    assert recording.attitude is not None
-    at_sensors = gradient_field(gradient_T_per_m, recording.attitude, array.positions_m)
-    readings = recording.readings_T - np.einsum("kij,nkj->nki", errors.matrix, at_sensors)
-    scalar = recording.scalar_T
-    if scalar is not None and array.scalar_position_m is not None:
-        center = errors.restore(readings).mean(axis=1)
-        at_scalar = gradient_field(gradient_T_per_m, recording.attitude, array.scalar_position_m[None])[:, 0]
-        scalar = scalar - norm(center + at_scalar, axis=1) + norm(center, axis=1)
-    return replace(recording, readings_T=readings, scalar_T=scalar)
-
 
 _LENGTHS = {2: "m", 3: "m²", 4: "m³"}
 """Unit of length by which the derivatives of a potential are per unit of field, by its degree."""

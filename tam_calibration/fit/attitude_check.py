@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import norm, pinv
 
+from tam_calibration.core.field_alignment import turns_between
 from tam_calibration.core.least_squares import ROUNDING, whitening
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
@@ -39,7 +40,6 @@ from tam_calibration.fit.recorded_attitude import (
     WorldView,
     misread_attitude,
     strayed,
-    turns_between,
 )
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Tolerances

@@ -15,14 +15,13 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit import published
 from tam_calibration.fit.attitude_check import USE_IT, worth_of
 from tam_calibration.fit.consistency import Fit, accepted, doubts_of
-from tam_calibration.fit.estimate import OURS, widened
+from tam_calibration.fit.estimate import widened
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.information import newton_step
 from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Place, Problem
-from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
@@ -51,7 +50,6 @@ def calibrate(
     array: Array,
     method: str = DEFAULT_METHOD,
     *,
-    ambient_gradient: bool = False,
     accept: Collection[str] = (),
     prior: Prior | Calibration | None = None,
     main_field_T: FloatArray | None = None,
@@ -65,12 +63,10 @@ def calibrate(
         ``SampleSource`` if it is larger than memory.
     array : Array
         Geometry and noise of K sensors; a noise that is not stated is estimated. Its tolerances are the prior of a
-        maximum likelihood fit in a uniform field if no prior is given.
+        maximum likelihood fit if no prior is given.
     method : str
         "maximum_likelihood", "robust", "lossless", "artificial_vector", "fast_rotation", "integrated",
         "two_step_linear" or "simplified_linear".
-    ambient_gradient : bool
-        Whether to fit a gradient of the field; this needs the recorded attitude.
     accept : collection of str
         Names of findings that become warnings: ``tam_calibration.integrity.ACCEPTABLE``.
     prior : Calibration or Prior, optional
@@ -103,22 +99,21 @@ def calibrate(
     >>> calibration.warnings
     ()
     """
-    fit = _fit_of(method, ambient_gradient)
-    takes_priors = method == DEFAULT_METHOD and not ambient_gradient
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
+    fit, takes_priors = METHODS[method], method == DEFAULT_METHOD
     is_joint = prior is not None or main_field_T is not None or _is_attitude_data(recording, array)
     if is_joint and not takes_priors:
-        kind = "an ambient gradient" if ambient_gradient else method
-        raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD} in a uniform field, not with {kind}")
+        raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD}, not with {method}")
     if takes_priors and not is_joint:
         has_rates = recording.thinned(SKETCH).angular_velocity_rad_s is not None
         is_joint = has_rates or array.tolerances is not None
     array.require_recording(recording)
-    is_screened = not (ambient_gradient or method == "robust")
-    recording, found, notes = _checked(recording, array, accept, is_screened, is_joint)
-    with nullcontext() if ambient_gradient or prior is not None else naming_changes(recording, array):
+    recording, found, notes = _checked(recording, array, accept, method != "robust", is_joint)
+    with nullcontext() if prior is not None else naming_changes(recording, array):
         if not is_joint:
             with _naming_attitude(recording, takes_priors):
-                require_determined(recording, array, is_uniform=not ambient_gradient)
+                require_determined(recording, array)
         require_enough(recording.sample_count, accept)
         is_joint |= takes_priors and "scalar" not in accept and turning_scalar(recording, array) is not None
         if is_joint:
@@ -127,16 +122,15 @@ def calibrate(
             with _naming_attitude(recording, takes_priors):
                 known = Known() if takes_priors else None
                 made = JointCalibration(accepted(recording, array, fit, accept), recording, array, fit, known)
-    uniform = as_if_uniform(made.recording, made.calibration.errors, made.array, made.calibration.ambient_gradient)
-    calibration = made.calibration if is_joint else widened(made.calibration, uniform)
+    calibration = made.calibration if is_joint else widened(made.calibration, made.recording)
     if prior is None:
         # A scalar that was left out still tells changes of the field.
-        calibration = despite_changes(calibration, recording if is_joint else uniform, made.array, accept)
+        calibration = despite_changes(calibration, recording, made.array, accept)
     if takes_priors and not _is_attitude_data(recording, array) and (worth := worth_of(made.recording, calibration)):
         notes.append(worth)
     residuals = held_out_residuals(made.recording, made.array, made.fit, calibration, made.known)
     calibration = replace(calibration, held_out=residuals)
-    warnings = (*found, *calibration.warnings, *doubts_of(uniform, calibration))
+    warnings = (*found, *calibration.warnings, *doubts_of(made.recording, calibration))
     notes = [note for note in (*notes, *calibration.notes) if note not in warnings]
     return within_limits(replace(calibration, warnings=warnings, notes=tuple(notes)), accept)
 
@@ -180,17 +174,6 @@ def _naming_attitude(recording: SampleSource, may_be_used: bool) -> Iterator[Non
         raise InputError(f"{problem}; or {USE_IT}") from problem
 
 
-def _fit_of(method: str, ambient_gradient: bool) -> Fit:
-    if method not in METHODS:
-        raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
-    if not ambient_gradient:
-        return METHODS[method]
-    if method not in OURS:
-        able = " or ".join(OURS)
-        raise InputError(f"{method} takes the field for uniform: {able} can fit an ambient gradient")
-    return partial(maximum_likelihood, robust=method == "robust", ambient_gradient=True)
-
-
 _FOLDS, _BLOCKS_PER_FOLD = 5, 10
 """A fifth of the samples is held out at once, in blocks of time so short that no fold lacks an attitude."""
 
@@ -231,8 +214,7 @@ def held_out_residuals(
         found = []
         for fold, samples in enumerate(held_out):
             fitted = fit(recording.take(fold_of != fold), array)
-            seen = as_if_uniform(samples, fitted.errors, array, fitted.ambient_gradient)
-            found.append(measure_residuals(fitted.errors, array, seen, fitted.intensity_T))
+            found.append(measure_residuals(fitted.errors, array, samples, fitted.intensity_T))
         return _pool(found, sizes)
     except (InputError, Refused):
         return None

@@ -15,7 +15,6 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
 from tam_calibration.fit.identifiability import require_accurate
-from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.fit.reference import FOLLOWS
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -78,10 +77,9 @@ def require_one_calibration(recording: SampleSource, calibration: Calibration) -
         With the reason, and the times at which the residual is smallest and largest.
     """
     field = calibration.array.field
-    uniform = as_if_uniform(recording, calibration.errors, calibration.array, calibration.ambient_gradient)
-    _residual_in_parts(uniform, calibration).require_steady(WRONG_PART * calibration.intensity_T)
+    _residual_in_parts(recording, calibration).require_steady(WRONG_PART * calibration.intensity_T)
     if not field.hold(calibration.intensity_T):
-        require_one_sphere(uniform)
+        require_one_sphere(recording)
         raise Refused(
             f"the fitted intensity of {calibration.intensity_T * 1e6:.4g} µT is outside the "
             f"{field.range_uT} µT of {field.whose} field: the readings are not those of one sensor turned in one field"
@@ -113,7 +111,7 @@ def residual_that_changes(recording: SampleSource, calibration: Calibration) -> 
     Parameters
     ----------
     recording : SampleSource
-        Raw readings, an ambient gradient taken off.
+        Raw readings.
     calibration : Calibration
         What was fitted to them.
     """
@@ -187,7 +185,7 @@ def doubts_of(recording: SampleSource, calibration: Calibration) -> tuple[str, .
     Parameters
     ----------
     recording : SampleSource
-        Raw readings, an ambient gradient taken off; of a large one every n-th sample is looked at.
+        Raw readings; of a large one every n-th sample is looked at.
     calibration : Calibration
         What was fitted to them, with its residuals of held-out samples where there are any.
     """

@@ -24,12 +24,10 @@ import numpy as np
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import BLOCKS, WHITE, SlowSums, VarianceFactors, complete_noise
 from tam_calibration.correction.calibration import FRAME_STATEMENT, Calibration
-from tam_calibration.correction.parts import AmbientGradientEstimate
 from tam_calibration.fit.coverage import field_of, measure_coverage
 from tam_calibration.fit.ellipsoid import Normalized
 from tam_calibration.fit.information import rows_by_unknowns
 from tam_calibration.fit.likelihood import ChannelMaps, Likelihood, energies
-from tam_calibration.fit.recorded_attitude import as_if_uniform
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSource
 from tam_calibration.model.sensor_errors import Residuals, ResidualSums, SensorErrors, noise_floor
@@ -91,7 +89,7 @@ def measure_chi_square(
     Parameters
     ----------
     source : SampleSource
-        Raw readings, an ambient gradient taken off.
+        Raw readings.
     array : KnownNoiseArray
         Geometry, and every noise.
     errors : SensorErrors
@@ -126,7 +124,7 @@ class EnergySums:
 
     def __init__(self, errors: SensorErrors, array: KnownNoiseArray, intensity_T: float) -> None:
         self._intensity_T, self._scalar_noise_T, self._sensors = intensity_T, array.scalar_noise_T, errors.sensor_count
-        self._channels = ChannelMaps.of_uniform_field(errors.matrix, errors.bias_T, array.vector_noise_T)
+        self._channels = ChannelMaps.at(errors.matrix, errors.bias_T, array.vector_noise_T)
         self._energy, self._counts = np.zeros(2), np.zeros(2, dtype=int)
 
     def add(self, block: Block) -> None:
@@ -182,7 +180,6 @@ def make_calibration(
     covariance: FloatArray,
     intensity_T: float,
     *,
-    gradient: AmbientGradientEstimate | None = None,
     frame: str = FRAME_STATEMENT,
 ) -> Calibration:
     """Return the calibration of an estimate.
@@ -203,24 +200,18 @@ def make_calibration(
         Of the flattened parameters.
     intensity_T : float
         The constant intensity on the estimate's scale, tesla, used where there is no scalar reference.
-    gradient : AmbientGradientEstimate, optional
-        Fitted together with the errors; its standard errors come from where the covariance does.
     frame : str
         What the array frame of the errors is.
     """
     noisy, noise_is_estimated = complete_noise(array, source)
-    seen = as_if_uniform(source, errors, array, gradient)
-    raw = measure_quality(source, noisy, errors, intensity_T)
-    uniform = raw if seen is source else measure_quality(seen, noisy, errors, intensity_T)
-    chi_square = uniform.reduced_chi_square
+    measured = measure_quality(source, noisy, errors, intensity_T)
+    chi_square = measured.reduced_chi_square
     if array.vector_noise_T is None and chi_square:
         factor = float(np.sqrt(chi_square.get("differential", chi_square.get("common_mode", 1.0))))
         noisy = replace(noisy, vector_noise_T=factor * noisy.vector_noise_T)
         if method == "maximum_likelihood":  # its covariance comes from the noise, not from the scatter of the data
             covariance = factor**2 * covariance
-            if gradient is not None:
-                gradient = replace(gradient, standard_errors_T_per_m=factor * gradient.standard_errors_T_per_m)
-        chi_square = measure_chi_square(seen, noisy, errors, intensity_T)
+        chi_square = measure_chi_square(source, noisy, errors, intensity_T)
     return Calibration(
         method=method,
         array=noisy,
@@ -228,15 +219,14 @@ def make_calibration(
         errors=errors,
         covariance=covariance,
         has_scalar_reference=source.scalar_count is not None,
-        intensity_T=intensity_T if uniform.mean_scalar_T is None else uniform.mean_scalar_T,
-        before=raw.before,
-        in_sample=uniform.after,
+        intensity_T=intensity_T if measured.mean_scalar_T is None else measured.mean_scalar_T,
+        before=measured.before,
+        in_sample=measured.after,
         floor=noise_floor(errors, noisy, noisy.scalar_noise_T),
         samples=source.sample_count,
         time_span_s=source.time_span_s,
         coverage=measure_coverage(field_of(source.thinned(SKETCH), errors)).fraction,
         reduced_chi_square=chi_square,
-        ambient_gradient=gradient,
         frame=frame,
         temperature_C=mean_temperature(source),
     )
@@ -323,7 +313,7 @@ def variance_factors(calibration: Calibration, recording: SampleSource) -> Varia
     calibration : Calibration
         With the noise that the information counts with.
     recording : SampleSource
-        That it was fitted to, an ambient gradient taken off.
+        That it was fitted to.
 
     Returns
     -------
@@ -451,14 +441,12 @@ def _likelihood(calibration: Calibration, recording: SampleSource, has_scalar: b
     return Likelihood(data, *data.noise_of(calibration.array))
 
 
-def student_noises(
-    likelihood: Likelihood, matrix: FloatArray, bias: FloatArray, *gradient: FloatArray
-) -> list[StudentNoise]:
+def student_noises(likelihood: Likelihood, matrix: FloatArray, bias: FloatArray) -> list[StudentNoise]:
     """Return the noise of the differential channels and of the common mode, at a point as of ``Likelihood.energy``.
 
     Each may be other than stated.
     """
-    return list(map(StudentNoise.of, likelihood.energy(matrix, bias, *gradient), likelihood.channel_count))
+    return list(map(StudentNoise.of, likelihood.energy(matrix, bias), likelihood.channel_count))
 
 
 def _parts(recording: SampleSource) -> Iterator[tuple[int, Recording]]:

@@ -170,7 +170,7 @@ class GyroscopeLikelihood:
         state : GyroscopeState
             Of the gyroscope.
         """
-        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
+        channels = ChannelMaps.at(matrix, bias, self.vector_noise)
         if not len(self.path.links):
             size = 13 + state.size
             return Normal.by_field(channels.response, np.zeros((size, size)), 0)
@@ -180,7 +180,7 @@ class GyroscopeLikelihood:
 
     def white_turns(self, matrix: FloatArray, bias: FloatArray, state: GyroscopeState) -> WhiteTurns:
         """Return the turns of the field at a point; parameters as of ``linearize``."""
-        return self._white_turns(ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise), state)
+        return self._white_turns(ChannelMaps.at(matrix, bias, self.vector_noise), state)
 
     def _white_turns(self, channels: ChannelMaps, state: GyroscopeState) -> WhiteTurns:
         chain = self._chain(channels, state)
@@ -203,7 +203,7 @@ class GyroscopeLikelihood:
         sigmas : float
             Standard deviations of chance by which the residuals may be smaller than by that density.
         """
-        chain = self._chain(ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise), state)
+        chain = self._chain(ChannelMaps.at(matrix, bias, self.vector_noise), state)
         freedom = max(chain.residual.size - taken, 1.0)
         wanted = freedom - sigmas * np.sqrt(2 * freedom)
 
@@ -221,7 +221,7 @@ class GyroscopeLikelihood:
         return float(10**high)
 
     def _chain(self, channels: ChannelMaps, state: GyroscopeState) -> _Chain:
-        field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
+        field = (channels.field[:, :-1] @ self.rows + channels.field[:, -1:]).T
         length = norm(field, axis=1)
         along = field / length[:, None]
         across = across_of(along)

@@ -18,11 +18,11 @@ from tam_calibration.model.sensor_errors import PARAMETER_NAMES, SensorErrors
 from tam_calibration.model.units import FloatArray, rounded, to_nanotesla
 
 
-def require_determined(recording: SampleSource, array: Array, is_uniform: bool = True) -> None:
+def require_determined(recording: SampleSource, array: Array, has_effects: bool = False) -> None:
     """Check, before a fit, that a recording determines all parameters.
 
-    The bound is taken at error-free sensors whose fields are the readings about the centre of their sphere. In a field
-    that is not uniform what the sensors differ in is not taken for noise.
+    The bound is taken at error-free sensors whose fields are the readings about the centre of their sphere.
+    Differences of the sensors that effects explain are not taken for noise.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
         Raw readings of K sensors.
     array : Array
         Noise of these sensors; a noise that is not stated is estimated.
-    is_uniform : bool
-        Whether the field is uniform.
+    has_effects : bool
+        Whether effects are fitted too.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def require_determined(recording: SampleSource, array: Array, is_uniform: bool =
     some = field[:: -(-len(field) // BLOCK)]
     covariance = bound(some, SensorErrors.none(recording.sensor_count), noisy, data.has_scalar)
     excess = 1.0
-    if is_uniform and recording.sensor_count > 1:
+    if not has_effects and recording.sensor_count > 1:
         # By how much the noise in which the sensors differ is larger than stated: noise spreads readings that lie in a
         # plane, and must not pass for directions that were visited.
         whitened = data.points / (noisy.vector_noise_T / data.radius_T)[:, None]

@@ -16,18 +16,16 @@ from numpy.linalg import inv
 from tam_calibration.core.least_squares import gram
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.effects.surroundings import require_attitude
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.ellipsoid import Normalized, normalize
 from tam_calibration.fit.estimate import make_calibration, student_noises
-from tam_calibration.fit.information import NOT_ONE, descend, inverted, parameter_covariance
-from tam_calibration.fit.likelihood import UNIFORM, Likelihood, Linearization
+from tam_calibration.fit.information import NOT_ONE, descend, parameter_covariance
+from tam_calibration.fit.likelihood import Likelihood, Linearization
 from tam_calibration.fit.moments import into_frame_of_first
-from tam_calibration.fit.recorded_attitude import gradient_of, require_gradient_determined, turning_of
 from tam_calibration.fit.reference import interpolate, is_worth_interpolating
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import SKETCH, Recording, SampleSource
+from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -129,11 +127,10 @@ def _moments(scores: _ScoresOfBlocks, variance: Callable[[FloatArray], FloatArra
 
 
 class Point(NamedTuple):
-    """Matrices D Λ (K, 3, 3), biases (K, 3), and components of an ambient gradient: five, or none."""
+    """Matrices D Λ (K, 3, 3) and biases (K, 3)."""
 
     matrix: FloatArray
     bias: FloatArray
-    gradient: FloatArray = UNIFORM
 
 
 def free_rows(count: int) -> np.ndarray:
@@ -164,8 +161,7 @@ def gauss_newton(
     Refused
         When the iteration does not settle, or goes astray.
     """
-    rows = 12 * len(point.matrix)
-    free = np.append(free_rows(len(point.matrix)), np.ones(len(point.gradient), dtype=bool))
+    free = free_rows(len(point.matrix))
 
     def normal_at(there: Point) -> tuple[FloatArray, FloatArray, FloatArray]:
         here = linearize(there).both
@@ -177,15 +173,13 @@ def gauss_newton(
             raise Refused(f"the fit goes astray: {NOT_ONE}")
         step = np.zeros(free.size)
         step[free] = change
-        update = step[:rows].reshape(-1, 3, 4)
-        return Point(before.matrix + update[..., :3], before.bias + update[..., 3], before.gradient + step[rows:])
+        update = step.reshape(-1, 3, 4)
+        return Point(before.matrix + update[..., :3], before.bias + update[..., 3])
 
     return descend(normal_at, moved, point, robust)
 
 
-def maximum_likelihood(
-    recording: SampleSource, array: Array, *, robust: bool = False, ambient_gradient: bool = False
-) -> Calibration:
+def maximum_likelihood(recording: SampleSource, array: Array, *, robust: bool = False) -> Calibration:
     """Fit the errors of the sensors by maximum likelihood.
 
     Parameters
@@ -193,7 +187,7 @@ def maximum_likelihood(
     recording : SampleSource
         Samples in a uniform field. Between the readings of a scalar magnetometer that is slower than the sensors the
         intensity is interpolated, see ``reference``; other samples without one count with what the sensors say of each
-        other. Without any scalar reading the intensity is an unknown constant. The interpolation, as the two options,
+        other. Without any scalar reading the intensity is an unknown constant. The interpolation, as a robust fit,
         needs all samples in memory.
     array : Array
         Geometry and noise; a noise that is not stated is estimated.
@@ -202,9 +196,6 @@ def maximum_likelihood(
         are estimated, of the differences of the sensors and of the common mode. Without outliers this costs a few per
         cent of the standard errors. The intensity is not interpolated: what samples share cannot be weighed sample by
         sample.
-    ambient_gradient : bool
-        Whether the field had a gradient that is uniform in the world: its five components are fitted too, from the
-        samples with attitude.
 
     Returns
     -------
@@ -214,27 +205,20 @@ def maximum_likelihood(
     Raises
     ------
     InputError
-        When the readings determine no ellipsoid, or sensors are mirror images of others; when an ambient gradient
-        is asked for and the attitude is missing or does not determine it.
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
     Refused
         When the iteration does not settle.
     """
-    if ambient_gradient:
-        recording = require_attitude(recording.whole())
-    elif robust:
+    if robust:
         recording = recording.whole()
     noisy, _ = complete_noise(array, recording)
     data = normalize(recording)
-    point, information = _fit(recording, noisy, data, robust, ambient_gradient)
+    point, information = _fit(recording, noisy, data, robust)
     errors, factor = _errors(data, point)
-    intensity_T, gradient = data.radius_T / factor, None
-    if ambient_gradient:
-        gradient = gradient_of(point.gradient, _covariance_of_gradient(information), intensity_T)
-        cross, own = information[:-5, -5:], information[-5:, -5:]
-        information = information[:-5, :-5] - cross @ np.linalg.solve(own, cross.T)
+    intensity_T = data.radius_T / factor
     covariance = parameter_covariance(information, errors, data.radius_T, None if data.has_scalar else intensity_T)
     name = "robust" if robust else "maximum_likelihood"
-    return make_calibration(name, recording, array, errors, covariance, intensity_T, gradient=gradient)
+    return make_calibration(name, recording, array, errors, covariance, intensity_T)
 
 
 def estimate(recording: SampleSource, array: Array) -> SensorErrors:
@@ -278,12 +262,6 @@ def first_guess(recording: SampleSource, array: KnownNoiseArray) -> SensorErrors
     return _errors(data, Point(*closed_form(data, *data.noise_of(array))))[0]
 
 
-def _covariance_of_gradient(information: FloatArray) -> FloatArray:
-    """Return the (5, 5) covariance of an ambient gradient; infinite on the diagonal where the data leave it open."""
-    free = np.append(free_rows(len(information) // 12), np.ones(5, dtype=bool))
-    return inverted(information, np.eye(len(free))[:, free])[-5:, -5:]
-
-
 def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
     """Return the errors at a point, and by how much their scale exceeds that of the data.
 
@@ -298,19 +276,11 @@ def _errors(data: Normalized, point: Point) -> tuple[SensorErrors, float]:
 
 
 def _fit(
-    recording: SampleSource,
-    array: KnownNoiseArray,
-    data: Normalized,
-    robust: bool = False,
-    ambient_gradient: bool = False,
+    recording: SampleSource, array: KnownNoiseArray, data: Normalized, robust: bool = False
 ) -> tuple[Point, FloatArray]:
     """Return the estimate and its information, the intensity interpolated where it is slow."""
-    # In a gradient the intensity away from the centre changes as the array is turned, not along a line.
-    is_steady = not ambient_gradient or array.scalar_position_m is None
-    likelihood = likelihood_of(recording, array, data, may_interpolate=is_steady and not robust)
+    likelihood = likelihood_of(recording, array, data, may_interpolate=not robust)
     point = Point(*closed_form(data, *data.noise_of(array)))
-    if ambient_gradient:
-        likelihood, point = _aligned_start(recording.whole(), array, likelihood, point)
     point, information = gauss_newton(partial(_linearize, likelihood, robust), point, robust)
     if robust:
         differential, common = student_noises(likelihood, *point)
@@ -351,22 +321,4 @@ def _linearize(likelihood: Likelihood, robust: bool, point: Point) -> Linearizat
     weights = None
     if robust:
         weights = np.array([noise.weights / noise.square for noise in student_noises(likelihood, *point)])
-    return likelihood.linearize(point.matrix, point.bias, weights, point.gradient)
-
-
-def _aligned_start(
-    recording: Recording, array: Array, likelihood: Likelihood, point: Point
-) -> tuple[Likelihood, Point]:
-    """Return the likelihood in an ambient gradient, and a point where its attitudes agree with the field.
-
-    The field at the centre is known well enough for that only when the gradient is known.
-    """
-    for start in (True, False):
-        field = np.linalg.solve(point.matrix, (likelihood.data.points - point.bias)[..., None])[..., 0].mean(axis=1)
-        likelihood = replace(likelihood, turning=turning_of(recording, array, field))
-        if start:
-            point = point._replace(gradient=np.zeros(5))
-            information = _linearize(likelihood, False, point).both.information
-            require_gradient_determined(_covariance_of_gradient(information), likelihood.vector_noise, array)
-            point, _ = gauss_newton(partial(_linearize, likelihood, False), point)
-    return likelihood, point
+    return likelihood.linearize(point.matrix, point.bias, weights)

@@ -40,8 +40,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.linalg import inv
 
+from tam_calibration.core.field_alignment import find_turn
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit import ellipsoid, recorded_attitude
+from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.moments import (
     Moments,
@@ -52,6 +53,7 @@ from tam_calibration.fit.moments import (
     procrustes,
     rotation_by_regression,
 )
+from tam_calibration.fit.recorded_attitude import FRAME_STATEMENT as RECORDED_FRAME
 from tam_calibration.model.array import Array
 from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -327,7 +329,7 @@ def integrated(recording: SampleSource, array: Array) -> Calibration:
     if recording.attitude is None:
         return finish("integrated", recording, array, moments.data, matrix, center, FRAME_WITH_SOFT_IRON)
     matrix = matrix @ np.swapaxes(_turns(moments, matrix, center), 1, 2)[:, None]
-    return finish("integrated", recording, array, moments.data, matrix, center, recorded_attitude.FRAME_STATEMENT)
+    return finish("integrated", recording, array, moments.data, matrix, center, RECORDED_FRAME)
 
 
 def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArray:
@@ -341,7 +343,7 @@ def _turns(moments: Moments, matrix: FloatArray, center: FloatArray) -> FloatArr
     for number, (unmix, bias) in enumerate(zip(inv(matrix[:, 0]), center[:, 0], strict=True)):
         samples = set_without != number
         field = (points[samples] - bias) @ unmix.T
-        turns.append(recorded_attitude.find_turn(field, to_world[samples]))
+        turns.append(find_turn(field, to_world[samples]))
     return np.array(turns)
 
 

@@ -1,4 +1,4 @@
-"""What recorded attitude adds to a fit: the turn of the common frame, the ambient gradient, and attitude as data.
+"""What recorded attitude adds to a fit: whether it was written as expected, and attitude as data.
 
 An attitude may have been written otherwise: inverted, w first, in FRD axes, or not at all. The right attitude turns the
 corrected field into one that is constant in the world. A constant turn of the world, such as NED for ENU, cannot be
@@ -19,17 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.linalg import norm
 
+from tam_calibration.core.field_alignment import likely_turn
 from tam_calibration.core.least_squares import Normal, gram
-from tam_calibration.correction.parts import AmbientGradientEstimate
-from tam_calibration.effects.surroundings import require_attitude, without_gradient
 from tam_calibration.fit.ellipsoid import Normalized, sphere_center
-from tam_calibration.fit.likelihood import ChannelMaps, Turning
-from tam_calibration.model.array import UNIT_TENSORS, Array, KnownNoiseArray
-from tam_calibration.model.exceptions import InputError
+from tam_calibration.fit.likelihood import ChannelMaps
+from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.mounting import matrices_of, rotation_matrix
-from tam_calibration.model.recording import BLOCK, Recording, SampleSource
+from tam_calibration.model.recording import BLOCK, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
 
@@ -37,96 +35,6 @@ FRAME_STATEMENT = (
     "The array frame is the one whose attitude was recorded. It was found from the uniform field, "
     "which is constant in the world while the array turns."
 )
-
-
-def find_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
-    """Return the rotation X with which the fields to_world X field are nearest to one vector w.
-
-    Parameters
-    ----------
-    field : (N, 3) array
-        Uniform field b in a frame that is fixed to the array, in a unit in which it is of order one.
-    to_world : (N, 3, 3) array
-        Recorded attitude Q of each sample: rotation matrix from the array frame to the world.
-
-    Returns
-    -------
-    (3, 3) array
-        From the frame of the field to the one whose attitude was recorded.
-
-    Raises
-    ------
-    InputError
-        When the array was not turned about two axes.
-    """
-    turns = _still_turns(field, to_world)
-    if turns.shape[1] != 1:
-        raise InputError("the attitude does not determine the frame: turn the array about two axes at least")
-    return _nearest_rotation(turns.reshape(3, 3))
-
-
-def likely_turn(field: FloatArray, to_world: FloatArray) -> FloatArray:
-    """Return such a rotation also where the array was hardly turned: of all that agree, one near to no turn.
-
-    Parameters
-    ----------
-    field, to_world : array
-        As of ``find_turn``.
-    """
-    turns = _still_turns(field, to_world)
-    return _nearest_rotation((turns if turns.shape[1] == 1 else turns @ (turns.T @ np.eye(3).ravel())).reshape(3, 3))
-
-
-def _still_turns(field: FloatArray, to_world: FloatArray) -> FloatArray:
-    """Return the (9, M) turns X with which the field is constant in the world, M ≥ 1, the best first.
-
-    The sum of |X b - Qᵀ w|² is quadratic in X and w together; w is eliminated, and the best X of unit norm is an
-    eigenvector.
-    """
-    mixed = np.einsum("naj,ni->jia", to_world, field).reshape(9, 3)
-    residuals = np.kron(np.eye(3), field.T @ field) - mixed @ mixed.T / len(field)
-    values, vectors = np.linalg.eigh(residuals)
-    # How far the second best turn must be from the field standing still, as part of the field's square.
-    return vectors[:, : max(1, int(np.searchsorted(values, 1e-3 * len(field))))]
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
-    return np.asarray(left @ right)
-
-
-def aligned(attitude: FloatArray, field: FloatArray) -> FloatArray:
-    """Return attitudes that agree with the field, which is almost constant in the world.
-
-    Parameters
-    ----------
-    attitude : (N, 4) array
-        As recorded: turned against the array by a fixed angle, and in error from sample to sample.
-    field : (N, 3) array
-        At the centre in the array frame, in any unit.
-
-    Returns
-    -------
-    (N, 4) array
-        Without the fixed turn, and with what is left of each error about the field alone, which cannot be seen.
-
-    Raises
-    ------
-    InputError
-        When the array was not turned about two axes, or the attitudes are not those of the readings.
-    """
-    from scipy.spatial.transform import Rotation
-
-    recorded = Rotation.from_quat(attitude)
-    field = field / norm(field, axis=1, keepdims=True)
-    to_world = recorded * Rotation.from_matrix(find_turn(field, recorded.as_matrix()))
-    seen = to_world.apply(field)
-    mean = seen.mean(axis=0) / norm(seen.mean(axis=0))
-    back = turns_between(seen, mean)
-    angle = norm(back, axis=1)
-    if reason := strayed(float(np.median(angle))):
-        raise InputError(reason)
-    return np.asarray((Rotation.from_rotvec(back) * to_world).as_quat())
 
 
 def strayed(angle: float) -> str:
@@ -140,108 +48,12 @@ def strayed(angle: float) -> str:
     )
 
 
-def turns_between(seen: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return the shortest rotation vectors (N, 3) that turn vectors (N, 3) to the direction of one (3,) or of each."""
-    axis = np.cross(seen, direction)
-    sine, cosine = norm(axis, axis=1), np.sum(seen * direction, axis=1)
-    return np.asarray(axis * (np.arctan2(sine, cosine) / np.maximum(sine, np.finfo(float).tiny))[:, None])
-
-
 def across_of(along: FloatArray) -> FloatArray:
     """Return two unit vectors (N, 2, 3) across unit vectors (N, 3), right-handed with them as the third."""
     axis = np.eye(3)[np.abs(along).argmin(axis=1)]
     first = np.cross(along, axis)
     first /= norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(along, first)], axis=1)
-
-
-def turning_of(recording: Recording, array: Array, field: FloatArray) -> Turning:
-    """Return how a recording with attitude turned the array.
-
-    Parameters
-    ----------
-    recording : Recording
-        With an attitude in every sample.
-    array : Array
-        Positions of the sensors and of the scalar magnetometer.
-    field : (N, 3) array
-        At the centre in the frame of the array, in any unit: the attitudes are aligned with it.
-    """
-    assert recording.attitude is not None
-    scalar_position = np.zeros(3) if array.scalar_position_m is None else array.scalar_position_m
-    return Turning(aligned(recording.attitude, field), array.positions_m, scalar_position)
-
-
-def as_if_uniform(
-    source: SampleSource, errors: SensorErrors, array: Array, gradient: AmbientGradientEstimate | None
-) -> SampleSource:
-    """Return samples as they would be in a uniform field, their attitudes aligned; themselves without a gradient.
-
-    Parameters
-    ----------
-    source : SampleSource
-        Raw readings.
-    errors : SensorErrors
-        Of the sensors, as fitted.
-    array : Array
-        Positions of the sensors and of the scalar magnetometer.
-    gradient : AmbientGradientEstimate, optional
-        What was fitted of the gradient in the world; None for a uniform field.
-
-    Raises
-    ------
-    InputError
-        When there is a gradient and the recording has no attitude that belongs to it.
-    """
-    if gradient is None:
-        return source
-    known = require_attitude(source.whole())
-    assert known.attitude is not None
-    attitude = aligned(known.attitude, errors.restore(known.readings_T).mean(axis=1))
-    return without_gradient(replace(known, attitude=attitude), errors, array, gradient.tensor_T_per_m)
-
-
-def gradient_of(components: FloatArray, covariance: FloatArray, unit_T: float) -> AmbientGradientEstimate:
-    """Return the tensor of fitted components of the gradient, with its standard errors.
-
-    Parameters
-    ----------
-    components : (5,) array
-        xx, xy, xz, yy, yz in the world, per metre in units of ``unit_T``.
-    covariance : (5, 5) array
-        Of the components, in the square of their unit.
-    unit_T : float
-        Unit of field of the components, tesla.
-    """
-    basis = UNIT_TENSORS.reshape(5, 9)
-    variance = np.einsum("pi,pq,qi->i", basis, covariance, basis).reshape(3, 3)
-    return AmbientGradientEstimate(unit_T * np.tensordot(components, UNIT_TENSORS, 1), unit_T * np.sqrt(variance))
-
-
-def require_gradient_determined(covariance: FloatArray, vector_noise: FloatArray, array: Array) -> None:
-    """Check that the recording tells more of the gradient than a calibrated array would in a single sample.
-
-    Parameters
-    ----------
-    covariance : (5, 5) array
-        Of the gradient's components, per square metre.
-    vector_noise : (K,) array
-        In the same unit of field.
-    array : Array
-        Its longest lever turns a gradient into a field.
-
-    Raises
-    ------
-    InputError
-        When it does not.
-    """
-    variance = np.append(np.diag(covariance), covariance[0, 0] + 2 * covariance[0, 3] + covariance[3, 3])
-    lever_m = norm(array.positions_m, axis=1).max()
-    if not (np.isfinite(variance).all() and lever_m * np.sqrt(variance.max()) <= vector_noise.max()):
-        raise InputError(
-            "the attitudes do not tell an ambient gradient from the errors of the sensors: turn the array about "
-            "several axes and in as many attitudes as it takes, or calibrate where the field is uniform"
-        )
 
 
 _TURNS = from_degrees(10.0)
@@ -465,8 +277,8 @@ class AttitudeLikelihood:
 
     def field(self, matrix: FloatArray, bias: FloatArray) -> FloatArray:
         """Return the directions (N, 3) of the field in the array frame, of sensors as of ``linearize``."""
-        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
-        field = (channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]).T
+        channels = ChannelMaps.at(matrix, bias, self.vector_noise)
+        field = (channels.field[:, :-1] @ self.rows + channels.field[:, -1:]).T
         return np.asarray(field / norm(field, axis=1, keepdims=True))
 
     def linearize(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> Normal:
@@ -508,7 +320,7 @@ class AttitudeLikelihood:
 
     def _moments(self, matrix: FloatArray, bias: FloatArray, view: WorldView) -> tuple[ChannelMaps, FloatArray, float]:
         """Return the maps, the moments of the whitened columns, and the mean variance of the field's direction."""
-        channels = ChannelMaps.of_uniform_field(matrix, bias, self.vector_noise)
+        channels = ChannelMaps.at(matrix, bias, self.vector_noise)
         size = 18 + len(self.headings)
         moments, variance = np.zeros((size, size)), 0.0
         for start in range(0, self.sample_count, BLOCK):
@@ -522,7 +334,7 @@ class AttitudeLikelihood:
 
         They are across ⊗ [field, 1] / |field|, by mounting, by direction, by errors of the heading, residual.
         """
-        field = channels.at_scalar[:, :-1] @ self.rows + channels.at_scalar[:, -1:]
+        field = channels.field[:, :-1] @ self.rows + channels.field[:, -1:]
         length = norm(field, axis=0)
         along = (field / length).T
         turned = self.to_world @ view.mount

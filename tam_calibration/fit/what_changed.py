@@ -315,7 +315,7 @@ def despite_changes(
     calibration : Calibration
         Of the whole recording.
     recording : SampleSource
-        Raw readings, an ambient gradient taken off.
+        Raw readings.
     array : Array
         Of the sensors, as it was given.
     accept : collection of str

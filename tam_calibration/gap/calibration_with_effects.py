@@ -101,12 +101,15 @@ def calibrate_with_effects(
     recording.check_plausible(array.field)
     if recording.sensor_count > 1 or recording.attitude is None:  # else the attitude may determine what these do not
         with suppress(Refused):  # where readings contradict each other, effects may explain it
-            require_determined(recording, array)
+            require_determined(recording, array, has_effects=True)
     if _AUTO in effects:
         found = search(recording, array)
         return calibration_of(recording, found, conclude(found), array, warnings=findings, accept=accept)
-    model, warnings = _with_named(Model.nominal(recording, array), effects)
-    return _kept(model, array, (*findings, *warnings), accept)
+    nominal = model = Model.nominal(recording, array)
+    if any("attitude" in effect_named(name).channels for name in effects):
+        model = nominal.aligned()
+    model, warnings = _with_named(model, effects)
+    return _kept(model, array, (*findings, *warnings), accept, nominal.recording.attitude)
 
 
 def calibration_of(
@@ -143,7 +146,7 @@ def calibration_of(
     model = found.nominal if gap.verdict == "no_gap" else found.model
     left = (gap.statement,) if gap.verdict in ("partly_explained", "unexplained") else ()
     if model.parts or model.findings or model.world is not None:
-        return _kept(model, array, (*warnings, *left), accept)
+        return _kept(model, array, (*warnings, *left), accept, model.recording.attitude)
     calibration = calibrate(recording, array, accept=accept)
     return replace(calibration, warnings=(*calibration.warnings, *left))
 
@@ -180,11 +183,16 @@ def _comes_and_goes(effect: Effect) -> bool:
     return isinstance(effect, LinearEffect) and type(effect).shapes_at is not LinearEffect.shapes_at
 
 
-def _kept(model: Model, array: Array, warnings: tuple[str, ...], accept: Collection[str]) -> Calibration:
-    """Return the calibration of the readings without the effects, with the effects and the uncertainty of both."""
+def _kept(
+    model: Model, array: Array, warnings: tuple[str, ...], accept: Collection[str], attitude: FloatArray | None
+) -> Calibration:
+    """Return the calibration of the readings without the effects, with the effects and the uncertainty of both.
+
+    The attitude (N, 4) is that which was recorded.
+    """
     recording = model.recording
     if model.world is None:
-        calibration = calibrate(_without(model), array, accept={*CHANNEL_FAULTS, *accept})
+        calibration = calibrate(_without(model, attitude), array, accept={*CHANNEL_FAULTS, *accept})
         model = replace(model, array=calibration.array, errors=calibration.errors, intensity_T=calibration.intensity_T)
     else:
         calibration = _in_world(model, array, accept)
@@ -225,14 +233,16 @@ def _in_world(model: Model, array: Array, accept: Collection[str]) -> Calibratio
     """Return the calibration of one sensor as its attitude determines it, which its intensity alone may not."""
     errors = replace(model.errors, misalignment=np.zeros((1, 3)))  # the frame is the sensor's own, but for rounding
     covariance = Joint.of(model).covariance_in_world
-    calibration = make_calibration(IN_WORLD, _without(model), array, errors, covariance, model.intensity_T)
+    calibration = make_calibration(
+        IN_WORLD, _without(model, model.recording.attitude), array, errors, covariance, model.intensity_T
+    )
     refuse_open(calibration.standard_errors.ravel(), calibration.intensity_T)
     return within_limits(calibration, accept)
 
 
-def _without(model: Model) -> Recording:
-    """Return the samples of a model's recording that count, without what its effects add."""
-    return model.quiet().take(np.flatnonzero(model.is_counted))
+def _without(model: Model, attitude: FloatArray | None) -> Recording:
+    """Return the samples of a model's recording that count, without what its effects add, with their attitude."""
+    return replace(model.quiet(), attitude=attitude).take(np.flatnonzero(model.is_counted))
 
 
 def _free(part: Part, model: Model) -> tuple[str, ...]:

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
+from tam_calibration.core.field_alignment import aligned
 from tam_calibration.core.noise import complete_noise, fast_noise
 from tam_calibration.correction.calibration import without_rows
 from tam_calibration.effects.effect import Finding
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
 from tam_calibration.effects.states import gross_bias_jump
+from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis, Part
 from tam_calibration.gap.nominal import (
@@ -133,6 +135,25 @@ class Model:
         if beside is not None:
             return replace(beside._with_floor(array), recording=recording)
         return start._of_part(array, plain)
+
+    def aligned(self) -> "Model":
+        """Return the model with attitudes in which the field of the sensors is constant in the world.
+
+        An attitude that is noisy, or mounted askew, then does no harm to effects that follow it. That of one sensor in
+        the field of the world is aligned already.
+
+        Raises
+        ------
+        InputError
+            When the attitude was written otherwise than expected.
+        """
+        recording = self.recording
+        if recording.attitude is None or self.world is not None:
+            return self
+        if misread := misread_attitude(recording, self.errors):
+            raise InputError(misread)
+        attitude = aligned(recording.attitude, self.errors.restore(recording.readings_T).mean(axis=1))
+        return replace(self, recording=replace(recording, attitude=attitude))
 
     def _beside(self, plain: "Model | None") -> "Model | None":
         """Return the fit to the readings without a jump, or without biases that follow the channels.

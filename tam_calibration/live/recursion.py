@@ -132,7 +132,7 @@ class MomentLikelihood:
             Where they are linearised.
         """
         offset = (errors.bias_T - self.origin.bias_T) / self.unit_T
-        channels = ChannelMaps.of_uniform_field(errors.matrix, offset, self._vector_noise)
+        channels = ChannelMaps.at(errors.matrix, offset, self._vector_noise)
         common = self._common_mode(moments, errors, offset)
         rows = normal_equations(channels, moments.second, common, moments.count)
         return rows.by(rows_by_unknowns(errors, self.unit_T, None)).weighed(self.factors)

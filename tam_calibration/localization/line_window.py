@@ -16,7 +16,7 @@ from numpy.linalg import norm
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from tam_calibration.fit.recorded_attitude import turns_between
+from tam_calibration.core.field_alignment import turns_between
 from tam_calibration.localization.line_data import SMOOTH_M, LineData
 from tam_calibration.localization.line_path import Basis, Path
 from tam_calibration.model.array import UNIT_TENSORS

@@ -9,7 +9,6 @@ import numpy as np
 from tam_calibration.correction.acceptance import beyond_limits
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.parts import (
-    AmbientGradientEstimate,
     EffectSize,
     Grade,
     KnownSource,
@@ -79,13 +78,9 @@ class _Field(schema.Document):
     has_scalar_reference: bool
     coverage_of_sphere: Annotated[float, schema.Bounds(least=0, most=1)]
     reference: str = ""
-    gradient_nT_per_m: schema.NanoteslaTensor | None = None
-    gradient_standard_error_nT_per_m: tuple[_StandardErrors, _StandardErrors, _StandardErrors] | None = None
-
-    def to_gradient(self) -> AmbientGradientEstimate | None:
-        """Return the gradient of the field in SI, where one was fitted."""
-        *_, tensor, errors = schema.in_si(self)
-        return None if tensor is None or errors is None else AmbientGradientEstimate(tensor, errors)
+    # In files from before the gradient of the site was an effect; nothing uses them.
+    gradient_nT_per_m: Any = None
+    gradient_standard_error_nT_per_m: Any = None
 
 
 class ResidualsFile(schema.Document):
@@ -219,7 +214,6 @@ def calibration_of(content: dict[str, Any]) -> Calibration:
         source=stored.recording.to_provenance(),
         warnings=tuple(stored.warnings),
         notes=tuple(stored.notes),
-        ambient_gradient=stored.field.to_gradient(),
         frame=stored.frame,
         effects=effects,
         effect_sizes=tuple(effect.to_size() for effect in stored.effects),

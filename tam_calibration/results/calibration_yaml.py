@@ -8,7 +8,7 @@ import numpy as np
 
 from tam_calibration import __version__
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.correction.parts import AmbientGradientEstimate, KnownSource, Moved, Quality, Update
+from tam_calibration.correction.parts import KnownSource, Moved, Quality, Update
 from tam_calibration.effects.library import units_of
 from tam_calibration.files.schema import NOT_TURNED, block_to_write, part_to_mapping, value_to_write
 from tam_calibration.files.text_files import in_file, read_text, write_text
@@ -135,7 +135,6 @@ def calibration_to_mapping(calibration: Calibration) -> dict[str, Any]:
             "has_scalar_reference": calibration.has_scalar_reference and not calibration.reference,
             **_without_empty(reference=calibration.reference),
             "coverage_of_sphere": _rounded(calibration.coverage),
-            **_gradient(calibration.ambient_gradient),
         },
         "residuals": {
             "before": _residuals(calibration.before),
@@ -202,12 +201,6 @@ def _moved(moved: Moved) -> dict[str, Any]:
 
 def _change(change: tuple[str, int]) -> dict[str, Any]:
     return dict(zip(("kind", "sensor"), change, strict=True))
-
-
-def _gradient(gradient: AmbientGradientEstimate | None) -> dict[str, Any]:
-    keys = "gradient_nT_per_m", "gradient_standard_error_nT_per_m"
-    values = () if gradient is None else astuple(gradient)
-    return {key: value_to_write(key, value) for key, value in zip(keys, values, strict=False)}
 
 
 def _effects(calibration: Calibration) -> list[dict[str, Any]]:

@@ -16,11 +16,11 @@ from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
 from tam_calibration.effects.removal import agreed_field, filled, removable
-from tam_calibration.effects.surroundings import gradient_field, turned
 from tam_calibration.model.array import Array
 from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
+from tam_calibration.model.mounting import matrices_of
 from tam_calibration.model.recording import Recording, is_further, require_further
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -279,7 +279,8 @@ def simulate(scenario: Scenario) -> Simulation:
     gradient = np.zeros((3, 3)) if scenario.site_gradient_T_per_m is None else scenario.site_gradient_T_per_m
     if scenario.dipole is not None:
         gradient = gradient + scenario.dipole.gradient_T_per_m(np.zeros(3))
-    return Simulation(scenario, recording, attitude, center, turned(gradient[None], attitude)[:, 0])
+    to_world = matrices_of(attitude)
+    return Simulation(scenario, recording, attitude, center, np.swapaxes(to_world, 1, 2) @ gradient @ to_world)
 
 
 def _channel(scenario: Scenario, name: str, truth: FloatArray) -> FloatArray | None:
@@ -320,12 +321,13 @@ def _field(scenario: Scenario, attitude: FloatArray, positions_m: FloatArray) ->
     if scenario.drift is not None:
         world = world + scenario.drift.variation_T(scenario.time_s, scenario.site_field_T)
     field: FloatArray = np.repeat(rotation.inv().apply(world)[:, None], len(positions_m), axis=1)
+    matrix = rotation.as_matrix()
     if scenario.dipole is not None:
-        matrix = rotation.as_matrix()
         dipole_T = scenario.dipole.field_T(np.einsum("nij,pj->npi", matrix, positions_m))
         field += np.einsum("nji,npj->npi", matrix, dipole_T)
     if scenario.site_gradient_T_per_m is not None:
-        field += gradient_field(scenario.site_gradient_T_per_m, attitude, positions_m)
+        in_world = matrix @ positions_m.T
+        field += np.swapaxes(scenario.site_gradient_T_per_m @ in_world, 1, 2) @ matrix
     return field
 
 

@@ -72,7 +72,7 @@ def _calibrate_otherwise(name: str, recording: str, *words: str) -> Recipe:
 OTHERWISE = (
     *(_calibrate_otherwise(f"by {method}", "run.csv", "--method", method) for method in list(METHODS)[1:]),
     _calibrate_otherwise("with effects", "run.csv", "--effects", "temperature_drift,bias_jump"),
-    _calibrate_otherwise("with a gradient", "turned.csv", "--ambient-gradient"),
+    _calibrate_otherwise("with attitude", "turned.csv", "--attitude-noise-deg", "estimate"),
     _calibrate_otherwise("with delays", "run.mcap", "--estimate-delays", "--tolerance-s", "0.001"),
     _calibrate_otherwise("at a place", "bare.csv", "--place", "48,11,2025-01-01"),
 )

@@ -144,24 +144,25 @@ def test_a_place_gives_the_intensity_of_a_recording_without_scalar(folder, recor
     assert again.has_scalar_reference and again.reference == known["field"]["reference"]
 
 
-def test_a_gradient_of_the_site_is_fitted_with_the_flag(folder, undrawn, undiagnosed):
-    """With attitude the flag gives gradient and errors at the floor, in table, file and report; without, a reason."""
+def test_a_gradient_of_the_site_is_fitted_as_an_effect(folder, undrawn, undiagnosed):
+    """With attitude the effect gives gradient and errors at the floor, in table, file and report; without, a reason."""
     gradient = 1e-9 * np.array([[120, -80, 60], [-80, -200, 90], [60, 90, 80]])
     scenario = replace(read_scenario("wu_table_1"), site_gradient_T_per_m=gradient, attitude=AttitudeChannel(0.01))
     write_recording("site.csv", simulate(scenario).recording)
     write_array("wu.yaml", scenario.array)
-    arguments = ("site.csv", "--array", "wu.yaml", "-o", "c.yaml", "--report", "page.html", "--ambient-gradient")
+    effects = ("--effects", "ambient_gradient")
     assert "Recorded attitude (noise " in run("site.csv", "--array", "wu.yaml").stdout
-    told = run(*arguments, "-v").stdout
-    assert "Gradient of the field in the world of the attitude (nT/m): gxx 1" in told
-    assert "Recorded attitude" not in told
+    told = run("site.csv", "--array", "wu.yaml", "-o", "c.yaml", "--report", "page.html", *effects, "-v").stdout
+    assert "gradient xx" in told and "gradient xx" in (folder / "page.html").read_text()
     calibration = read_calibration("c.yaml")
-    assert_allclose(calibration.ambient_gradient.tensor_T_per_m, gradient, atol=1e-9)
+    (found,) = calibration.effects[0].contributions
+    for name, value in found.values.items():
+        row, column = map("xyz".index, name.removeprefix("gradient "))
+        assert value == pytest.approx(gradient[row, column], abs=1e-9)
     assert calibration.in_sample.tensor_rmse_T_per_m < 1.1 * calibration.floor.tensor_rmse_T_per_m
-    assert "taken to have a gradient" in (folder / "page.html").read_text()
-    refused = CliRunner().invoke(main, ["calibrate", "run.csv", "--array", "array.yaml", "--ambient-gradient"])
+    refused = CliRunner().invoke(main, ["calibrate", "run.csv", "--array", "array.yaml", *effects])
     assert refused.exit_code == 2
-    assert "the recording has no attitude: record it" in refused.stderr
+    assert "ambient_gradient cannot be fitted: it needs the attitude" in refused.stderr
 
 
 def test_the_noise_of_attitude_may_be_estimated(folder):

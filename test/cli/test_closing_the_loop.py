@@ -98,10 +98,9 @@ def test_effects_that_cannot_be_fitted_are_refused_in_one_sentence(folder, effec
 
 
 def test_effects_belong_to_the_default_method(folder):
-    """Another method, and the gradient by another option, are refused."""
+    """Another method is refused."""
     arguments = ("calibrate", "run.csv", "--array", "array.yaml", "--effects", "temperature_drift")
     assert "maximum_likelihood can" in run(*arguments, "--method", "lossless", code=2).stderr
-    assert "--effects ambient_gradient" in run(*arguments, "--ambient-gradient", code=2).stderr
 
 
 def test_a_recording_without_the_channel_is_not_corrected(folder, drifting):

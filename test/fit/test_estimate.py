@@ -14,8 +14,6 @@ from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
 from tam_calibration.model.array import Array
 from tam_calibration.model.sensor_errors import residual_series
-from tam_calibration.simulation import simulate
-from tam_calibration.simulation.conditions import AttitudeChannel
 
 
 @pytest.fixture(params=[1, 3], ids=["every scalar", "every third scalar"])
@@ -77,12 +75,3 @@ def test_standard_errors_do_not_ask_whether_the_noise_was_stated(wu_run, wu_scen
     stated = calibrate(wu_run.recording, unstated.array, method)
     assert unstated.noise_is_estimated and not stated.noise_is_estimated
     assert_allclose(unstated.standard_errors, stated.standard_errors, rtol=0.02)
-
-
-def test_standard_errors_of_the_ambient_gradient_are_of_the_noise_found(wu_scenario):
-    """As those of the errors beside it."""
-    made = simulate(replace(wu_scenario, attitude=AttitudeChannel()))
-    unstated = calibrate(made.recording, Array(wu_scenario.array.positions_m), ambient_gradient=True)
-    stated = calibrate(made.recording, unstated.array, ambient_gradient=True)
-    errors = [one.ambient_gradient.standard_errors_T_per_m for one in (unstated, stated)]
-    assert_allclose(*errors, rtol=0.02)

@@ -72,10 +72,10 @@ def test_its_derivatives_are_those_of_its_residuals():
     matrix, bias = errors.matrix, errors.bias_T / 50e-6
 
     def residual(matrix, bias, state):
-        channels = ChannelMaps.of_uniform_field(matrix, bias, likelihood.vector_noise)
+        channels = ChannelMaps.at(matrix, bias, likelihood.vector_noise)
         return likelihood._chain(channels, state).residual
 
-    channels = ChannelMaps.of_uniform_field(matrix, bias, likelihood.vector_noise)
+    channels = ChannelMaps.at(matrix, bias, likelihood.vector_noise)
     chain = likelihood._chain(channels, state)
     columns = likelihood._columns(chain, likelihood._factor(chain, use.density), state)
     for index in range(state.size):
@@ -87,7 +87,7 @@ def test_its_derivatives_are_those_of_its_residuals():
         step = np.zeros((1, 3, 4))
         step[0, row, column] = 1e-6
         moved = residual(matrix + step[..., :3], bias + step[..., 3], state) - chain.residual
-        by_row = np.tensordot(channels.response.reshape(12, 12)[4 * row + column], columns[:12], 1)
+        by_row = np.tensordot(channels.response[4 * row + column], columns[:12], 1)
         np.testing.assert_allclose(by_row, moved / 1e-6, atol=1e-2 * np.abs(moved).max() / 1e-6)
 
 

@@ -205,18 +205,18 @@ def test_without_scalar(wu_scenario):
     assert "bias z of every sensor" in str(weakness)
 
 
-def test_in_a_field_that_is_not_uniform_differences_of_the_sensors_are_no_noise(wu_run, wu_scenario):
+def test_beside_effects_differences_of_the_sensors_are_no_noise(wu_run, wu_scenario):
     """30 µT between the sensors contradict noise of 1 nT; noise that is stated so loud leaves all open in any case."""
     recording, array = wu_run.recording, wu_scenario.array
     loud = replace(array, vector_noise_T=np.full(4, 30e-6))
-    for is_uniform in (True, False):
+    for has_effects in (True, False):
         with pytest.raises(InputError, match=r"the noise leaves .* open, although the directions are enough"):
-            require_determined(recording, loud, is_uniform)
+            require_determined(recording, loud, has_effects)
     apart = 30e-6 * np.random.default_rng(6).normal(size=recording.readings_T.shape)
     differing = replace(recording, readings_T=recording.readings_T + apart)
     with pytest.raises(Refused, match=r"the residual is .* times the noise, .* although the directions are enough"):
         require_determined(differing, array)
-    require_determined(differing, array, is_uniform=False)
+    require_determined(differing, array, has_effects=True)
 
 
 def test_of_one_sensor_too_the_three_worst_parameters_are_named(wu_scenario):

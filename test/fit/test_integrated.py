@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.core.field_alignment import find_turn
 from tam_calibration.fit import ellipsoid
 from tam_calibration.fit.moments import gather
 from tam_calibration.fit.published import _nearest, _turns, constrained_ellipsoid, integrated
-from tam_calibration.fit.recorded_attitude import find_turn
 from tam_calibration.model.exceptions import InputError
 from tam_validation.papers import chi2017
 
