@@ -33,7 +33,7 @@ from tam_calibration.fit.prior_changes import UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.model.array import Array
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused, adding
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.recording import BLOCK, SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
@@ -178,10 +178,8 @@ def _as_far_as_they_agree(
         replace(known, intensity=Intensity(scalar.mean_T, scalar.size_T)),
     )
     (taken, used), (other, other_known) = (without, given) if scalar.is_most else (given, without)
-    try:
+    with adding(scalar.sentence):
         joint = _with_motion(taken, array, used).noting(scalar.sentence)
-    except (InputError, Refused) as problem:
-        raise type(problem)(f"{problem}; {scalar.sentence}") from problem
     calibration = joint.calibration
     with suppress(InputError, Refused):
         compared = _with_known(other, array, other_known).calibration
@@ -213,10 +211,8 @@ def _with_motion(recording: SampleSource, array: Array, known: Known) -> JointCa
         used, since_s = updated.known, updated.recording.time_span_s[0]
     with_rates, judged = judge_gyroscope(recording.whole(), alone, used, since_s)
     if judged.fit is None:
-        try:
+        with adding(judged.reason):
             joint = without_rates(recording, array, known)
-        except (InputError, Refused) as problem:
-            raise type(problem)(f"{problem}; {judged.reason}") from problem
         return joint.noting(*notes, f"{judged.reason}: it is left out")
     joint = _with_known(with_rates, alone, replace(known, gyroscope=judged.fit.begun, start=judged.fit.place))
     if is_attitude_used:
@@ -233,12 +229,13 @@ def _with_attitude(recording: SampleSource, array: Array, known: Known) -> Joint
     if judged.place:
         known, notes = replace(known, main_field_T=None), (*notes, f"{judged.place}: {_WITHOUT_PLACE}")
     try:
-        joint = _with_known(recording, array, replace(known, uses_heading=judged.uses_heading))
+        with adding("" if judged.reason else judged.doubt):
+            joint = _with_known(recording, array, replace(known, uses_heading=judged.uses_heading))
     except (InputError, Refused) as problem:
         require_one_sphere(recording)
-        if judged.reason:
-            raise Refused(f"{judged.reason}; without the {kept} {problem}") from problem
-        raise type(problem)(f"{problem}; {judged.doubt}" if judged.doubt else str(problem)) from problem
+        if not judged.reason:
+            raise
+        raise Refused(f"{judged.reason}; without the {kept} {problem}") from problem
     if judged.reason:
         notes = (*notes, f"{judged.reason}; the {kept} is left out")
     return joint.noting(*notes, doubt=judged.doubt)

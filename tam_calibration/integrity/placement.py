@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tam_calibration.integrity.fault import SHARED, Fault, Overview, between, channel
-from tam_calibration.model.sensor_errors import ORIENTATIONS
+from tam_calibration.model.sensor_errors import ORIENTATIONS, orientation_to_axes
 from tam_calibration.model.units import FloatArray
 
 FITS = 0.1
@@ -48,14 +48,9 @@ def nearest_turn(axes: FloatArray) -> FloatArray | None:
     return np.asarray(_SIGNED_PERMUTATIONS[along.argmax()]) if along.max() > NEAR else None
 
 
-def letters_of(turn: FloatArray) -> list[str]:
-    """Return what x, y and z read with axes that read ``turn`` (3, 3) times what they should, such as "-y"."""
-    return [f"{'-' if row.min() < 0 else ''}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in turn]
-
-
 def turn_in_words(turn: FloatArray) -> str:
     """Return how axes lie that read ``turn`` (3, 3), a signed permutation, times what they should."""
-    letters = letters_of(turn)
+    letters = orientation_to_axes(turn)
     changed = " and ".join(axis for axis, letter in zip("xyz", letters, strict=True) if letter != axis)
     if (np.diagonal(turn) != 0).all():
         if len(changed) == 1:

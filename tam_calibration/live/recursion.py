@@ -27,11 +27,11 @@ import numpy as np
 from numpy.linalg import inv
 
 from tam_calibration.core.interpolation import AveragedRates
-from tam_calibration.core.least_squares import Elimination, Normal, gram, scaled
+from tam_calibration.core.least_squares import Elimination, Normal, gram
 from tam_calibration.core.noise import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.fit.gyroscope_check import judge_gyroscope
-from tam_calibration.fit.information import descend, rows_by_unknowns
+from tam_calibration.fit.information import descend, inverted, rows_by_unknowns
 from tam_calibration.fit.likelihood import ChannelMaps, CommonModeSums, Linearization, normal_equations
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Problem
@@ -198,9 +198,9 @@ class Belief:
     temperature_C: float
 
     @cached_property
-    def free(self) -> np.ndarray:
-        """(12 K,) which of the errors are not held."""
-        return np.asarray(np.diag(self.covariance) > 0)
+    def free(self) -> FloatArray:
+        """(12 K, M) directions of the errors that are not held."""
+        return np.eye(len(self.covariance))[:, np.diag(self.covariance) > 0]
 
     def dated(self, time_s: float, temperature_C: float) -> "Belief":
         """Return the belief with a time and a temperature where it has none."""
@@ -221,7 +221,7 @@ class Belief:
     def distance(self, other: SensorErrors) -> float:
         """Return how far other errors are, in standard errors: root mean square over all directions."""
         step = (other.to_vector() - self.errors.to_vector()).ravel()
-        return float(np.sqrt(step @ self.certainty @ step / self.free.sum()))
+        return float(np.sqrt(step @ self.certainty @ step / self.free.shape[1]))
 
     def change_to(self, other: "Belief") -> float:
         """Return by what part of these standard errors another belief has other errors, or other standard errors.
@@ -232,7 +232,7 @@ class Belief:
 
     def spread_of(self, other: "Belief") -> float:
         """Return the standard errors of another belief over these, in root mean square over all directions."""
-        return float(np.sqrt(np.sum(self.certainty * other.covariance) / self.free.sum()))
+        return float(np.sqrt(np.sum(self.certainty * other.covariance) / self.free.shape[1]))
 
     @cached_property
     def certainty(self) -> FloatArray:
@@ -380,11 +380,10 @@ def solve(
     def normal_at(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         here = likelihood.linearize(moments, SensorErrors.from_vector(vector, orientation)).both
         information, gradient = here.information + begin.certainty, here.score - begin.certainty @ (vector - mean)
-        return information[np.ix_(free, free)], gradient[free], information
+        return free.T @ information @ free, free.T @ gradient, information
 
     def moved(vector: FloatArray, step: FloatArray) -> FloatArray:
-        vector = vector.copy()
-        vector[free] += step
+        vector = vector + free @ step
         if not are_possible(vector.reshape(-1, 12)):
             raise Refused("the update leads to sensors that cannot be: the readings do not fit the calibration")
         return vector
@@ -392,18 +391,6 @@ def solve(
     vector, information = descend(normal_at, moved, start.to_vector().ravel())
     errors = SensorErrors.from_vector(vector, orientation)
     return Belief(errors, inverted(information, free), time_s, temperature_C)
-
-
-def inverted(matrix: FloatArray, free: np.ndarray) -> FloatArray:
-    """Return the inverse of the free rows and columns (P,) of a matrix (P, P), whose units may differ; zero elsewhere.
-
-    That part of the matrix is positive definite.
-    """
-    part, inverse = np.ix_(free, free), np.zeros_like(matrix)
-    unit, scale = scaled(matrix[part])
-    of_free = inv(unit) / np.outer(scale, scale)
-    inverse[part] = (of_free + of_free.T) / 2
-    return inverse
 
 
 TRIED, MOST_TRIED = 3, 30

@@ -1,7 +1,8 @@
 """The two ways in which a user's request can end without a result, and how sentences name what they are about."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from reprlib import Repr
 from typing import Any
 from unicodedata import category
@@ -39,6 +40,23 @@ class Refused(RuntimeError):
     ...     print(str(reason).split(":")[0])
     something magnetic adds up to 3500 nT to all sensors from 300.0 s on
     """
+
+
+@contextmanager
+def adding(words: str) -> Iterator[None]:
+    """Add words to the sentence with which a block ends without a result, where there are any.
+
+    Raises
+    ------
+    InputError, Refused
+        As the block.
+    """
+    try:
+        yield
+    except (InputError, Refused) as problem:
+        if not words:
+            raise
+        raise type(problem)(f"{problem}; {words}") from problem
 
 
 MOST_QUOTED = 60

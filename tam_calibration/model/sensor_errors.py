@@ -258,7 +258,7 @@ def orientation_to_axes(orientation: FloatArray) -> list[str]:
     Parameters
     ----------
     orientation : (3, 3) array
-        One of `ORIENTATIONS`.
+        One of `ORIENTATIONS`, or a mirror image of one.
     """
     return [f"{'-' if row.sum() < 0 else ''}{'xyz'[np.abs(row).argmax()]}" for row in orientation]
 

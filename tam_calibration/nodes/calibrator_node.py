@@ -20,7 +20,7 @@ from tam_calibration.gap.result import Gap
 from tam_calibration.integrity.fault import names_in, require_names
 from tam_calibration.messages.point_cloud import layout_of
 from tam_calibration.messages.samples import NO_USAGE, Usage
-from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.exceptions import InputError, Refused, adding
 from tam_calibration.model.recording import FEWEST_SAMPLES
 from tam_calibration.nodes.base import ERROR, OK, STALE, WARN, Health, TamNode, Work
 from tam_calibration.nodes.calibrated import figures, introduce
@@ -167,10 +167,8 @@ class Calibrator(TamNode):
         recording, left_out = self._live.since_change(self._store.recording())
         samples = usage.with_each_reading_once(recording)
         explain = partial(explained, samples=samples, array=array, progress=self._go_on, accept=accept)
-        try:
+        with adding(left_out):
             calibration = naming_causes(lambda: fit_with_usage(samples, usage, fit), explain)
-        except (InputError, Refused) as problem:
-            raise type(problem)(f"{problem}; {left_out}" if left_out else str(problem)) from problem
         if left_out:
             calibration = replace(calibration, notes=(left_out, *calibration.notes))
         self._live.begin(calibration)

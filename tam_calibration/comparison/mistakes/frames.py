@@ -20,14 +20,13 @@ from tam_calibration.integrity.placement import (
     Motion,
     Placement,
     allowed,
-    letters_of,
     nearest_turn,
     placements,
     turn_in_words,
 )
 from tam_calibration.model.exceptions import numbered, sensors_in_words
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.sensor_errors import ORIENTATIONS
+from tam_calibration.model.sensor_errors import ORIENTATIONS, orientation_to_axes
 from tam_calibration.model.units import FloatArray, to_degrees
 
 MIRRORED_FIELDS = {
@@ -234,7 +233,7 @@ def _name(turn: FloatArray) -> tuple[str, str, str] | None:
     if (turn == np.eye(3)).all():
         return None
     is_mirrored = np.linalg.det(turn) < 0
-    back = ", ".join(f"{axis} = {letter}" for axis, letter in zip("xyz", letters_of(turn.T), strict=True))
+    back = ", ".join(f"{axis} = {letter}" for axis, letter in zip("xyz", orientation_to_axes(turn.T), strict=True))
     mend = f"publish {back} of what the simulated sensor gives"
     mend += "" if is_mirrored else ", or turn its site (MuJoCo) or pose (Gazebo)"
     if (turn == np.diag([1, -1, -1])).all():
