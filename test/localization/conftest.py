@@ -16,6 +16,7 @@ def calibration_of(array):
     """Return the calibration of an array without errors, known exactly."""
     errors = SensorErrors.none(array.sensor_count)
     floor = noise_floor(errors, array, 1e-10)
+    exact = np.zeros((errors.to_vector().size,) * 2)
     return Calibration(
-        "maximum_likelihood", array, False, errors, None, True, 48e-6, floor, floor, floor, 100, (0.0, 1.0), 1.0
+        "maximum_likelihood", array, False, errors, exact, True, 48e-6, floor, floor, floor, 100, (0.0, 1.0), 1.0
     )
