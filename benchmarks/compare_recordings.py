@@ -30,7 +30,7 @@ from tam_calibration.report.blocks import Table
 from tam_calibration.report.comparison_report import write_comparison_report
 from tam_calibration.report.comparison_rows import closing_blocks, difference_blocks, headline, noise_blocks
 from tam_calibration.results import write_recording
-from tam_calibration.results.comparison_json import Sources, comparison_to_mapping
+from tam_calibration.results.comparison_json import comparison_to_mapping
 
 PATH = click.Path(path_type=Path)
 
@@ -71,9 +71,9 @@ def compare_files(paths: Sequence[Path], array: Array, output: Path) -> list[str
     """Return what is told of a simulation and a recording, and write the page and the JSON file."""
     simulation, recording = paths
     comparison = compare(read_recording(simulation), read_recording(recording), array)
-    sources = Sources(provenance(simulation), provenance(recording))
-    write_text(output.with_suffix(".json"), to_json(comparison_to_mapping(comparison, sources)))
-    write_comparison_report(output.with_suffix(".html"), comparison, sources)
+    sources = provenance(simulation), provenance(recording)
+    write_text(output.with_suffix(".json"), to_json(comparison_to_mapping(comparison, *sources)))
+    write_comparison_report(output.with_suffix(".html"), comparison, *sources)
     return list(lines(comparison))
 
 

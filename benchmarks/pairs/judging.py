@@ -9,7 +9,7 @@ from pairs.folder import ANSWERS, FILES, SEALED, mended_path
 from tam_calibration.comparison.compare import compare
 from tam_calibration.files.text_files import to_json, write_whole
 from tam_calibration.recordings import read_array, read_recording
-from tam_calibration.results.comparison_json import Sources, comparison_to_mapping
+from tam_calibration.results.comparison_json import comparison_to_mapping
 
 
 def answer(folder: Path, name: str) -> None:
@@ -43,4 +43,4 @@ def _write_answer(path: Path, simulation: Path, pair: Path) -> None:
 def _compared(simulation: Path, pair: Path) -> dict[str, Any]:
     array = read_array(pair / FILES[2])
     comparison = compare(read_recording(simulation), read_recording(pair / FILES[1]), array)
-    return comparison_to_mapping(comparison, Sources())
+    return comparison_to_mapping(comparison)

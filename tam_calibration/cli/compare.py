@@ -15,7 +15,7 @@ from tam_calibration.recordings.channel_map import AS_IT_IS, Reading, read_map
 from tam_calibration.recordings.fit_input import read_array_of, read_compared
 from tam_calibration.report import comparison_rows
 from tam_calibration.report.blocks import Block
-from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, write_mend
+from tam_calibration.results.comparison_json import comparison_to_mapping, write_mend
 
 
 @click.command()
@@ -51,17 +51,17 @@ def command(
     simulated_how = replace(AS_IT_IS, channel_map=simulated_map, tolerance_s=how.tolerance_s)
     with terminal.graded(answer.is_json), answer.files(inputs, report=report_path, mend=mend_path) as places:
         comparison = _compare(simulation, recording, array_path, array_of_simulation_path, simulated_how, how)
-        sources = Sources(provenance(simulation), provenance(recording))
+        sources = provenance(simulation), provenance(recording)
         if "report" in places:
             from tam_calibration.report.comparison_report import write_comparison_report
 
-            write_comparison_report(places["report"], comparison, sources)
+            write_comparison_report(places["report"], comparison, *sources)
         if comparison.mend is None:
             places.pop("mend", None)
         elif "mend" in places:
             write_mend(places["mend"], comparison.mend)
         answer.give(
-            comparison_to_mapping(comparison, sources),
+            comparison_to_mapping(comparison, *sources),
             comparison_rows.answer(comparison),
             comparison_rows.summary_blocks(comparison),
             _tables(comparison),

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tam_calibration.comparison.result import Comparison, NoiseDifference
+from tam_calibration.correction.parts import Provenance
 from tam_calibration.files.yaml_document import dump_mapping
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.units import FloatArray, to_nanotesla
@@ -16,7 +17,7 @@ from tam_calibration.report.blocks import Block, Code, Points, Section, Table, T
 from tam_calibration.report.comparison_rows import axis_name
 from tam_calibration.report.gap_plots import State, plot_histogram, plot_sphere
 from tam_calibration.report.page import embed, write_page
-from tam_calibration.results.comparison_json import Sources, mend_in_texts
+from tam_calibration.results.comparison_json import mend_in_texts
 
 SIDE_COLORS = {"simulation": page.AFTER_COLOR, "recording": page.BEFORE_COLOR}
 """Of the two columns, on all figures."""
@@ -193,7 +194,7 @@ def _mend(comparison: Comparison) -> list[Block]:
     ]
 
 
-def write_comparison_report(path: Path, comparison: Comparison, sources: Sources) -> None:
+def write_comparison_report(path: Path, comparison: Comparison, simulation: Provenance, recording: Provenance) -> None:
     """Write a self-contained HTML page about a comparison.
 
     Parameters
@@ -202,7 +203,7 @@ def write_comparison_report(path: Path, comparison: Comparison, sources: Sources
         File to write; nothing is left there when writing fails, and an older file stays as it was.
     comparison : Comparison
         What was compared.
-    sources : Sources
+    simulation, recording : Provenance
         The files that it is of.
 
     Raises
@@ -210,10 +211,7 @@ def write_comparison_report(path: Path, comparison: Comparison, sources: Sources
     InputError
         When the file cannot be written.
     """
-    names = [
-        "not from a file" if source is None else f"{source.name}, SHA-256 {source.sha256}"
-        for source in (sources.simulation, sources.recording)
-    ]
+    names = [f"{source.name}, SHA-256 {source.sha256}" for source in (simulation, recording)]
     subtitle = f"simulation: {names[0]} | recording: {names[1]}"
     sections = [
         Section("Verdict", _verdict(comparison)),

@@ -3,7 +3,6 @@
 The mend file contains what a simulator lacks, for ``tam simulate --from-comparison`` and for a simulator's plugin.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -163,22 +162,16 @@ def _of_comparison(content: dict[str, Any]) -> dict[str, Any]:
     return parameters
 
 
-@dataclass(frozen=True)
-class Sources:
-    """The files that are compared; None for a side that was not read from a file."""
-
-    simulation: Provenance | None = None
-    recording: Provenance | None = None
-
-
-def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> dict[str, Any]:
+def comparison_to_mapping(
+    comparison: result.Comparison, simulation: Provenance | None = None, recording: Provenance | None = None
+) -> dict[str, Any]:
     """Return the content of a comparison file; NaN where a value is not known.
 
     Parameters
     ----------
     comparison : Comparison
         What was compared.
-    sources : Sources
+    simulation, recording : Provenance, optional
         The files that it is of.
     """
     closing, mend = comparison.closing, comparison.mend
@@ -204,8 +197,8 @@ def comparison_to_mapping(comparison: result.Comparison, sources: Sources) -> di
         "gap": None if closing is None else _closing(closing),
         "mend": None if mend is None else mend_in_texts(mend),
         "figures": [_figure(figure) for figure in comparison.figures],
-        "simulation": results_json.source_to_mapping(sources.simulation),
-        "recording": results_json.source_to_mapping(sources.recording),
+        "simulation": results_json.source_to_mapping(simulation),
+        "recording": results_json.source_to_mapping(recording),
     }
 
 

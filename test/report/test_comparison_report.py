@@ -25,9 +25,9 @@ from tam_calibration.report.comparison_report import (
 from tam_calibration.report.comparison_rows import next_words
 from tam_calibration.report.gap_plots import cell_means, plot_histogram, plot_sphere
 from tam_calibration.report.recording_plots import cells_on_map
-from tam_calibration.results.comparison_json import Sources, mend_to_mapping
+from tam_calibration.results.comparison_json import mend_to_mapping
 
-SOURCES = Sources(Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv", 34, "cd" * 32))
+SOURCES = (Provenance("sim<1>.mcap", 12, "ab" * 32), Provenance("dive.csv", 34, "cd" * 32))
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def write(tmp_path_factory):
             patch.setattr(comparison_report, "embed", embed)
             for plot in ("plot_noise", "plot_sphere", "plot_histogram"):
                 patch.setattr(comparison_report, plot, lambda *arguments: None)
-            write_comparison_report(path, comparison, SOURCES)
+            write_comparison_report(path, comparison, *SOURCES)
         page = path.read_text(encoding="utf-8")
         assert not re.search(r"url\(|@import|https?://|<script|<link|<iframe", page)
         assert all(source.startswith("data:image/svg+xml;base64,") for source in re.findall(r'src="([^"]*)"', page))
@@ -148,7 +148,7 @@ def test_without_attitude_no_source_is_told(comparison, write):
 
 def test_figures_are_within_the_page(comparison, tmp_path):
     """All three are drawn, and nothing is fetched."""
-    write_comparison_report(tmp_path / "drawn.html", comparison, SOURCES)
+    write_comparison_report(tmp_path / "drawn.html", comparison, *SOURCES)
     page = (tmp_path / "drawn.html").read_text(encoding="utf-8")
     assert len(re.findall(r'src="data:image/svg\+xml;base64,\w', page)) == page.count("<img") == 3
 

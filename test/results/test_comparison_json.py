@@ -5,7 +5,7 @@ import json
 from tam_calibration.comparison.mend import gazebo_sdf
 from tam_calibration.correction.parts import Provenance
 from tam_calibration.files.text_files import to_json
-from tam_calibration.results.comparison_json import Sources, comparison_to_mapping, mend_to_mapping
+from tam_calibration.results.comparison_json import comparison_to_mapping, mend_to_mapping
 
 PROMISED = (
     "schema",
@@ -28,7 +28,7 @@ GAP = {
 
 def test_the_keys_are_those_of_the_schema(comparison):
     """Names and nesting are fixed; what is added stands beside them."""
-    content = comparison_to_mapping(comparison, Sources())
+    content = comparison_to_mapping(comparison)
     assert set(PROMISED) <= set(content)
     assert content["schema"] == "tam_calibration/compare/1" and content["verdict"] == "differs"
     (missing,), (surplus,), (other,) = (content[name] for name in PROMISED[3:6])
@@ -43,7 +43,7 @@ def test_the_keys_are_those_of_the_schema(comparison):
 
 def test_each_effect_has_its_place_and_parameters(comparison):
     """Of what is missing and surplus in units of files; of both, those of each side."""
-    content = comparison_to_mapping(comparison, Sources())
+    content = comparison_to_mapping(comparison)
     (missing,), (surplus,), (other,) = (content[name] for name in PROMISED[3:6])
     assert (missing["effect"], missing["sensors"], missing["axes"]) == ("temperature_drift", [2], ["x", "y", "z"])
     assert missing["parameters"]["sensor 2 y offset"] == {"value": 2.0, "standard_error": 0.02, "unit": "nT/°C"}
@@ -54,7 +54,7 @@ def test_each_effect_has_its_place_and_parameters(comparison):
 
 def test_the_side_that_has_an_effect_shows_it(comparison):
     """The simulation's run could have shown the drift that it lacks; what it has, it shows, and the recording not."""
-    content = comparison_to_mapping(comparison, Sources())
+    content = comparison_to_mapping(comparison)
     (missing,), (surplus,) = content["missing_in_simulation"], content["surplus_in_simulation"]
     assert missing["shown_by_simulation_run"] and missing["shown_by_recording_run"]
     assert surplus["shown_by_simulation_run"] and not surplus["shown_by_recording_run"]
@@ -62,7 +62,7 @@ def test_the_side_that_has_an_effect_shows_it(comparison):
 
 def test_sizes_are_in_units_of_files(comparison):
     """Tesla become nT, T/m nT/m; source errors are those that the simulation foretells wrongly."""
-    content = comparison_to_mapping(comparison, Sources())
+    content = comparison_to_mapping(comparison)
     gap = content["gap"]
     assert {name: gap[name] for name in ("before", "before_nT", "before_nT_per_m", "after_nT")} == {
         "before": 1.9,
@@ -82,7 +82,7 @@ def test_sizes_are_in_units_of_files(comparison):
 
 def test_what_is_not_known_is_null(comparison):
     """As JSON has no NaN: the gradient after the mend, and the figure of the side that does not tell."""
-    content = json.loads(to_json(comparison_to_mapping(comparison, Sources())))
+    content = json.loads(to_json(comparison_to_mapping(comparison)))
     assert content["gap"]["after_nT_per_m"] is None
     bias = content["figures"][1]
     assert (bias["simulation"], bias["recording"], bias["unit"]) == (3.0, None, "nT")
@@ -90,7 +90,7 @@ def test_what_is_not_known_is_null(comparison):
 
 def test_a_mistake_ends_the_comparison(mistaken):
     """It is told with place and mend; gap and mend, of which there are none, are null."""
-    content = comparison_to_mapping(mistaken, Sources())
+    content = comparison_to_mapping(mistaken)
     (mistake,) = content["mistakes"]
     assert {"what", "where", "mend"} <= set(mistake) and mistake["kind"] == "gauss_for_tesla"
     assert content["gap"] is content["mend"] is None
@@ -100,6 +100,6 @@ def test_a_mistake_ends_the_comparison(mistaken):
 def test_the_file_names_the_two_recordings(comparison):
     """With size and digest; null for what is from no file."""
     source = Provenance("sim.mcap", 12, "ab" * 32)
-    content = comparison_to_mapping(comparison, Sources(source))
+    content = comparison_to_mapping(comparison, source)
     assert content["simulation"] == {"name": "sim.mcap", "size_bytes": 12, "sha256": "ab" * 32}
     assert content["recording"] is None
