@@ -41,7 +41,7 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 @click.option("-o", "--output", type=terminal.PATH, required=True, help="Folder of the results.")
 @click.option("--jobs", type=terminal.JOBS, help="Number of processes; by default one for each core.")
 @terminal.reading_options
-@terminal.verbose_option
+@terminal.answer_options
 def command(
     recordings: tuple[str, ...],
     array_path: Path,
@@ -49,7 +49,7 @@ def command(
     output: Path,
     jobs: int | None,
     how: Reading,
-    verbose: bool,
+    detail: terminal.Detail,
 ) -> None:
     """Calibrate, diagnose and correct many RECORDINGS: files, folders, or patterns such as 'missions/**/*.mcap'.
 
@@ -70,16 +70,16 @@ def command(
     run = partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
     with terminal.showing_progress() as progress:
         results = run_batch(paths, output, options, run, terminal.working(progress, "recordings"))
-    _print(results, output, verbose)
+    _print(results, output, detail)
     raise click.exceptions.Exit(0 if all(result.is_settled for result in results) else 1)
 
 
-def _print(results: Sequence[Result], output: Path, verbose: bool) -> None:
+def _print(results: Sequence[Result], output: Path, detail: terminal.Detail) -> None:
     blocks, points = _blocks(results), summary.open_points(results)
     terminal.print_answer(
         _answer(results, points),
         [*map(Text, points[1 : terminal.FEW]), *blocks],
         [*blocks, *map(Text, points)],
-        verbose,
-        [output / name for name in summary.SUMMARIES],
+        detail,
+        (output / name for name in summary.SUMMARIES),
     )

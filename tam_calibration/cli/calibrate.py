@@ -13,6 +13,7 @@ from rich.progress import Progress
 from tam_calibration.cli import terminal
 from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.consistency import naming_causes
 from tam_calibration.integrity.fault import names_in
@@ -98,6 +99,7 @@ def _remarks(found: Found) -> list[str]:
     "--method",
     default=DEFAULT_METHOD,
     show_default=True,
+    shell_complete=terminal.completed(lambda: METHODS),
     help=f"One of {', '.join(METHODS)}.",
 )
 @click.option(
@@ -116,6 +118,7 @@ def _remarks(found: Found) -> list[str]:
 )
 @click.option(
     "--effects",
+    shell_complete=terminal.completed(lambda: ("auto", *installed_effects())),
     help="Also fit effects and keep them in the calibration: names such as temperature_drift,current_interference, or "
     "auto for those that tam diagnose finds.",
 )

@@ -7,7 +7,7 @@ import click
 
 from tam_calibration.cli import terminal
 from tam_calibration.cli.terminal import Answer, answering
-from tam_calibration.effects.library import effect_named
+from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.gap import diagnose
 from tam_calibration.gap.diagnose import in_stretches
 from tam_calibration.gap.result import Gap
@@ -46,6 +46,7 @@ def _blocks(gap: Gap) -> list[Block]:
     "--without",
     multiple=True,
     metavar="EFFECT",
+    shell_complete=terminal.completed(installed_effects),
     help="Do not name this effect as a cause; may be repeated.",
 )
 @terminal.path_option(

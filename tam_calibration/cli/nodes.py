@@ -3,7 +3,7 @@
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tam_calibration.cli.streams import say
-from tam_calibration.cli.terminal import MAP_HELP, PATH, NamedPath, Number
+from tam_calibration.cli.terminal import MAP_HELP, PATH, NamedPath, Number, completed
 from tam_calibration.files.text_files import check_writable, in_file, require_regular
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from tam_calibration.nodes.player import Player
 
 
+def _methods() -> Iterable[str]:
+    from tam_calibration.fit import METHODS  # a signal ends the nodes well while nothing else is loaded
+
+    return METHODS
+
+
 @click.command()
 @click.option("--array", type=NamedPath(exists=True, path_type=Path), help="Array YAML; without it the cross of 0.5 m.")
 @click.option(
@@ -32,9 +38,12 @@ if TYPE_CHECKING:
     type=NamedPath(dir_okay=False, path_type=Path),
     help="Calibration YAML: loaded if it exists, written by calibrator/save.",
 )
+@click.option("--method", shell_complete=completed(_methods), help="Method of the fit.")
 @click.option("--map", "map_file", type=NamedPath(exists=True, path_type=Path), help=MAP_HELP)
 @click.option("--params-file", type=NamedPath(exists=True, path_type=Path), help="ROS parameters of the nodes.")
-def command(array: Path | None, calibration: Path | None, map_file: Path | None, params_file: Path | None) -> None:
+def command(
+    array: Path | None, calibration: Path | None, method: str | None, map_file: Path | None, params_file: Path | None
+) -> None:
     """Start collector, calibrator, corrector and localizer, and show coverage, losses and advice until Ctrl-C."""
     for path in (array, map_file, params_file):
         if path is not None:
@@ -47,7 +56,7 @@ def command(array: Path | None, calibration: Path | None, map_file: Path | None,
     with ros_session(exit_code=0):
         from rich.console import Console
 
-        commands = node_commands(array, calibration, params_file, map_file)
+        commands = node_commands(array, calibration, method, params_file, map_file)
         with Children(commands, log_directory) as children, watched(Console(), children) as monitor:
             monitor.wait_until(lambda: False)
 
@@ -130,11 +139,14 @@ def _show(player: "Player", loop: bool) -> None:
                 return
 
 
+_SERVICES = ("calibrator/calibrate", "calibrator/diagnose", "calibrator/save", "collector/reset")
+"""Those of our nodes that people call."""
+
 _NAME = re.compile(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 @click.command()
-@click.argument("service")
+@click.argument("service", shell_complete=completed(lambda: _SERVICES))
 def call(service: str) -> None:
     """Call SERVICE, such as calibrator/calibrate, and print its answer; exit 1 when the answer is no."""
     if not _NAME.fullmatch(service):

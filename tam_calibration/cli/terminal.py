@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 import numpy as np
@@ -64,10 +64,27 @@ def path_option(name: str, help_text: str, required: bool = False) -> Callable[.
 array_option = path_option("--array", "Array YAML: positions and noise of the sensors.", required=True)
 
 
+def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Return how a shell completes an option that takes names, or several that commas separate.
+
+    Parameters
+    ----------
+    names : callable
+        Returns the names; called when a shell asks.
+    """
+
+    def complete(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
+
+    return complete
+
+
 accept_option = click.option(
     "--accept",
     multiple=True,
     metavar="NAME",
+    shell_complete=completed(lambda: ACCEPTABLE),
     help=f"Overrule a finding; may be repeated: {', '.join(ACCEPTABLE)}.",
 )
 
@@ -217,15 +234,24 @@ FEW = 5
 MOST_LINES = 20
 """Lines of an answer that is not asked for in full: they fit a terminal with the command."""
 
-verbose_option = click.option("-v", "--verbose", is_flag=True, help="Print all tables.")
+Detail = Literal["tables", "answer"] | None
+"""How much of an answer is printed: all tables, its first line alone, or a summary."""
+
+
+def answer_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of how much is printed to a command, which gets them as one argument ``detail``."""
+    quiet = click.option("-q", "--quiet", "detail", flag_value="answer", help="Print the first line only.")
+    verbose = click.option("-v", "--verbose", "detail", flag_value="tables", default=None, help="Print all tables.")
+    command: Callable[..., Any] = verbose(quiet(function))
+    return command
 
 
 def print_answer(
     answer: str,
     summary: Iterable[Block],
     tables: Iterable[Block] | None,
-    verbose: bool,
-    written: Sequence[Path] = (),
+    detail: Detail,
+    written: Iterable[Path | None] = (),
     advice: str = "",
 ) -> None:
     """Print an answer: one line, then a summary of at most ``MOST_LINES`` lines in all, or all tables.
@@ -236,28 +262,31 @@ def print_answer(
         The first line.
     summary, tables : iterable of Block
         What is printed behind it: by default, and where all is asked for; None where the summary is all there is.
-    verbose : bool
-        Whether to print all tables instead of the summary.
-    written : sequence of Path
+    detail : Detail
+        How much to print.
+    written : iterable of Path or None
         Files that were written, which are named behind it.
     advice : str
         What to do next, the last line.
     """
     console = stdout()
     console.print(answer, style="bold", soft_wrap=True)
+    if detail == "answer":
+        return
+    paths = list(filter(None, written))
     if tables is None:
         print_blocks(summary)
-    elif verbose:
+    elif detail == "tables":
         print_blocks(tables, MOST_ROWS)
     else:
         with console.capture() as captured:
             print_blocks(summary, console=console)
         lines = captured.get().splitlines()
-        most = MOST_LINES - 1 - len(written) - bool(advice)
+        most = MOST_LINES - 1 - len(paths) - bool(advice)
         shown = lines if len(lines) <= most else [*lines[: most - 1], "… --verbose prints all."]
         for line in shown:
             say(line)
-    say_written(written)
+    say_written(paths)
     if advice:
         say(f"next: {advice}")
 
@@ -419,20 +448,20 @@ json_option = click.option(
 
 
 class Answer:
-    """The answer of a command, in the form that ``--json`` and ``-v`` ask for.
+    """The answer of a command, in the form that ``--json``, ``-v`` and ``-q`` ask for.
 
     Parameters
     ----------
     json_path : Path or None
         Where the JSON goes: a file, or ``-`` for standard output instead of words; None for words alone.
-    verbose : bool
-        Whether the words are all tables instead of a summary.
+    detail : Detail
+        How many words.
     """
 
-    def __init__(self, json_path: Path | None, verbose: bool) -> None:
+    def __init__(self, json_path: Path | None, detail: Detail) -> None:
         self.is_json = json_path == STDOUT
         self._json_path = None if self.is_json else json_path
-        self._verbose = verbose
+        self._detail = detail
         self._print: Callable[[list[Path]], None] = lambda written: None
         self._json = ""
 
@@ -479,11 +508,11 @@ class Answer:
         if self.is_json:
             self._print = lambda written: say(self._json)
         else:
-            self._print = lambda written: print_answer(first, summary, tables, self._verbose, written, advice)
+            self._print = lambda written: print_answer(first, summary, tables, self._detail, written, advice)
 
 
 def answering(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--json`` and ``--verbose`` to a command, which gets them as one argument ``answer``.
+    """Add ``--json``, ``--verbose`` and ``--quiet`` to a command, which gets them as one argument ``answer``.
 
     Parameters
     ----------
@@ -492,10 +521,10 @@ def answering(function: Callable[..., Any]) -> Callable[..., Any]:
     """
 
     @wraps(function)
-    def with_answer(*, json_path: Path | None, verbose: bool, **extra: Any) -> Any:
+    def with_answer(*, json_path: Path | None, detail: Detail, **extra: Any) -> Any:
         if json_path is not None and json_path.suffix != ".json" and json_path.is_file():
             raise InputError(f"{json_path} would be overwritten: put --json last, or name a .json file")
-        return function(answer=Answer(json_path, verbose), **extra)
+        return function(answer=Answer(json_path, detail), **extra)
 
-    command: Callable[..., Any] = json_option(verbose_option(with_answer))
+    command: Callable[..., Any] = json_option(answer_options(with_answer))
     return command

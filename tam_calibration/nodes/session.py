@@ -244,6 +244,7 @@ START = ("-m", "tam_calibration.nodes.start")
 def node_commands(
     array: Path | None = None,
     calibration: Path | None = None,
+    method: str | None = None,
     params_file: Path | None = None,
     map_file: Path | None = None,
 ) -> dict[str, list[str]]:
@@ -255,6 +256,8 @@ def node_commands(
         Array file, given to every node.
     calibration : Path, optional
         Calibration file, which every node loads where it exists, and the calibrator saves.
+    method : str, optional
+        Method of the calibrator's fit.
     params_file : Path, optional
         ROS parameter file, read by every node.
     map_file : Path, optional
@@ -266,9 +269,9 @@ def node_commands(
         Arguments of the Python interpreter, by the name of the process.
     """
     there = calibration if calibration and calibration.is_file() else None  # else the calibrator will write it
-    entry_points: dict[str, dict[str, Path | None]] = {
+    entry_points: dict[str, dict[str, Path | str | None]] = {
         "stream": {"corrector:calibration_file": there, "collector:map_file": map_file},
-        "calibrator": {"calibration_file": calibration},
+        "calibrator": {"calibration_file": calibration, "method": method},
         "localizer": {"calibration_file": there},
     }
     shared = ["--params-file", str(params_file)] if params_file else []
@@ -278,7 +281,7 @@ def node_commands(
     }
 
 
-def _settings(values: Mapping[str, Path | None]) -> list[str]:
+def _settings(values: Mapping[str, Path | str | None]) -> list[str]:
     """Return parameters as ROS takes them: the value is YAML, so quoted."""
     given = {name: str(value) for name, value in values.items() if value is not None}
     return [part for name, value in given.items() for part in ("-p", f"{name}:={json.dumps(value)}")]

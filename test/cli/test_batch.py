@@ -90,6 +90,7 @@ def test_the_first_line_is_the_answer(folder, asked):
         "4 of 5 recordings are settled; the first of the others: auv_2/damaged.mcap: failed; read: "
     )
     assert len(others) < 20 and others[-1] == "written: out/summary.json"
+    assert run("missions/**", "--quiet", code=1).stdout == f"{first}\n"
 
 
 def test_people_see_counts_drifts_and_failures(folder, asked):

@@ -75,6 +75,7 @@ def test_the_first_line_is_the_answer(folder):
     first, *others = out.splitlines()
     assert re.fullmatch(r"Good: tensor residual [\d.]+ nT/m on held-out samples, noise floor [\d.]+ nT/m\.", first)
     assert len(others) < 20 and others[-1] == "next: tam correct run.csv --calibration c.yaml -o corrected.csv"
+    assert run("run.csv", "--array", "array.yaml", "--quiet").stdout == f"{first}\n"
     assert yaml.safe_load(Path("c.yaml").read_text())["quality"] == {"grade": "good", "reasons": [], "next": []}
 
 

@@ -69,6 +69,7 @@ def test_the_first_line_is_the_answer(folder, asked):
     first, *others = run("sim.csv", "real.csv", code=1).stdout.splitlines()
     assert first.startswith("Different: The simulation lacks")
     assert len(others) < 20 and others[-1].startswith("next: Write the mend into the simulator")
+    assert run("sim.csv", "real.csv", "-q", code=1).stdout == f"{first}\n"
 
 
 def test_mistakes_come_first(folder, asked, mistaken):

@@ -55,6 +55,7 @@ def test_the_first_line_is_the_answer(folder, asked):
     assert first == "Explained: The readings of sensor 2 drift with its temperature, which explains the gap."
     assert len(others) < 20 and others[-1].endswith("--effects temperature_drift -o calibration.yaml")
     assert "temperature_drift: sensor 2; probability 98 %, explains 97 % out of sample" in others[1]
+    assert run("run.csv", "-q").stdout == f"{first}\n"
 
 
 def test_people_see_what_is_left_and_what_it_means(folder, asked, gap):

@@ -67,6 +67,7 @@ def test_the_first_line_is_the_answer(folder, dipoles_alone):
     words = ("one.csv", "--find-frequency")
     first, *others = run(folder, *words).stdout.splitlines()
     assert first.startswith("A source is ") and len(others) < 20
+    assert run(folder, *words, "-q").stdout == f"{first}\n"
     assert len(run(folder, *words, "-v").stdout.splitlines()) > len(others)
 
 

@@ -1,4 +1,4 @@
-"""Options that commands share: each means the same in all of them, and a shell completes them."""
+"""Options that commands share: each means the same in all of them, and a shell completes what has names."""
 
 import json
 from pathlib import Path
@@ -9,6 +9,9 @@ from click.shell_completion import ShellComplete
 from commands import tam
 
 from tam_calibration.cli.main import main
+from tam_calibration.effects.library import installed_effects
+from tam_calibration.fit import METHODS
+from tam_calibration.integrity import ACCEPTABLE
 
 CONTEXT = click.Context(main)
 OPTIONS = [
@@ -19,7 +22,9 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("long", "short"), [("--output", "-o"), ("--verbose", "-v")], ids=["output", "verbose"])
+@pytest.mark.parametrize(
+    ("long", "short"), [("--output", "-o"), ("--verbose", "-v"), ("--quiet", "-q")], ids=["output", "verbose", "quiet"]
+)
 def test_a_letter_and_its_word_go_together(long, short):
     """Neither is found without the other, in any command."""
     found = [(name, set(option.opts)) for name, option in OPTIONS if {long, short} & set(option.opts)]
@@ -34,9 +39,13 @@ def completed(*words):
     }
 
 
-def test_a_shell_completes_commands():
-    """Commands, and target software."""
+def test_a_shell_completes_names():
+    """Commands, methods, findings, target software, and effects, also behind a comma."""
     assert completed("cali") == {"calibrate"}
+    assert completed("calibrate", "--method", "") == set(METHODS)
+    assert completed("diagnose", "--accept", "") == set(ACCEPTABLE)
+    assert completed("diagnose", "--without", "") == set(installed_effects())
+    assert completed("calibrate", "--effects", "auto,bias_j") == {"auto,bias_jump"}
     assert "px4" in completed("export", "--to", "")
 
 
