@@ -169,7 +169,7 @@ def map_of_topics(path: str, array: Array) -> ChannelMap:
 
 
 class FrameCheck:
-    """The frames that messages must have, and those of which they have others.
+    """The frames that messages must have, and those of which they have others; without any, whether they change.
 
     Parameters
     ----------
@@ -182,6 +182,7 @@ class FrameCheck:
     def __init__(self, mounting: Mounting, warn: Callable[[str], None]) -> None:
         self._expected = {stream: f"{frame}\0".encode() for stream, frame in expected_frames(mounting).items()}
         self._warn = warn
+        self._first: dict[str, bytes] = {}
         self.problems: dict[str, str] = {}
 
     def check(self, stream: str, message: bytes) -> None:
@@ -195,13 +196,29 @@ class FrameCheck:
             With a header.
         """
         expected = self._expected.get(stream)
-        if expected is None or message.startswith(expected, FRAME_ID):
+        if expected is None:
+            self._compare_with_first(stream, message)
+            return
+        if message.startswith(expected, FRAME_ID):
             self.problems.pop(stream, None)
             return
         problem = other_frame(stream, read_frame_id(message), expected[:-1].decode())
         if self.problems.get(stream) != problem:
             self._warn(problem)
         self.problems[stream] = problem
+
+    def _compare_with_first(self, stream: str, message: bytes) -> None:
+        """Warn once where the frame is no longer that of the first message."""
+        first = self._first.get(stream)
+        if first is not None and message.startswith(first, FRAME_ID):
+            return
+        frame = read_frame_id(message)
+        if first in (None, own := f"{frame}\0".encode()):
+            self._first[stream] = own
+            return
+        now, before = (each or "without name" for each in (frame, first[:-1].decode()))
+        self._warn(f"the frame of {stream} is {now} now, and was {before}: has its driver changed?")
+        self._first[stream] = b""  # with which all messages begin
 
 
 def _object(kind: Any, message: bytes) -> Any:

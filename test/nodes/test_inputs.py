@@ -34,6 +34,25 @@ def test_what_cannot_be_read_is_named(bench, recording):
     assert status.level == b"\x02" and int(figures["partial"]) > 0
 
 
+@pytest.mark.parametrize("frames", ["abba", "aaaa", ["", "", "a", ""], ["é" * 300, "b", "c", "b"]])
+def test_a_frame_that_changes_is_warned_of_once(frames):
+    """Also where the array file states none."""
+    from rclpy.serialization import serialize_message
+
+    from tam_calibration.model.mounting import Mounting
+    from tam_calibration.nodes.inputs import FrameCheck
+
+    told = []
+    check = FrameCheck(Mounting(), told.append)
+    for frame in frames:
+        message = sensor_msgs.MagneticField()
+        message.header.frame_id = frame
+        check.check("tam_2", serialize_message(message))
+    before, after = frames[0], next((frame for frame in frames if frame != frames[0]), None)
+    expected = f"the frame of tam_2 is {after} now, and was {before or 'without name'}: has its driver changed?"
+    assert told == [expected] * (after is not None) and check.problems == {}
+
+
 def wait_for_all(bench, condition):
     """Wait until the status of every node has fulfilled a condition."""
     waiting = set(INPUTS)
