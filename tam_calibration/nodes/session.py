@@ -2,8 +2,10 @@
 
 import json
 import os
+import resource
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
 _LAST_DOMAIN = 232
 """Domain beyond which the ports of DDS, 250 for each from 7400 on, exceed 65535: Fast DDS ends the process there."""
+
+_FEWEST_FILES = 64
+"""Files that a process with our nodes may have open, at least: it has 25, and its libraries do not end well without."""
 
 
 def configure_fast_dds() -> None:
@@ -153,10 +158,7 @@ def initialise_ros(arguments: Sequence[str]) -> None:
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import get_default_context
 
-    try:
-        os.getcwd()  # Fast DDS does not end well without
-    except FileNotFoundError:
-        raise InputError("the folder in which this was called is gone: go to another one") from None
+    _require_surroundings()
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         domain = get_default_context().get_domain_id()
@@ -170,9 +172,24 @@ def initialise_ros(arguments: Sequence[str]) -> None:
         ) from problem
 
 
+def _require_surroundings() -> None:
+    """Check what Fast DDS would complain of in its own words, or not end well without."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise InputError("the folder in which this was called is gone: go to another one") from None
+    files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if files < _FEWEST_FILES:
+        raise InputError(f"ROS needs {_FEWEST_FILES} open files at once, and this process may have {files}: ulimit -n")
+
+
 def _reason(problem: RuntimeError) -> str:
     """Return what rclpy says, without its place in the source."""
     return " ".join(str(problem).partition(", at /")[0].split())
+
+
+_CREDENTIALS = struct.Struct("3i")
+"""Number, user and group of the process at the other end of a socket."""
 
 
 def take_name(name: str, domain: int) -> None:
@@ -190,7 +207,7 @@ def take_name(name: str, domain: int) -> None:
     Raises
     ------
     InputError
-        When another process has it.
+        When another process has it, with its number.
     """
     if sys.platform != "linux":
         return
@@ -198,13 +215,26 @@ def take_name(name: str, domain: int) -> None:
     own = socket.socket(socket.AF_UNIX)
     try:
         own.bind(address)
+        own.listen()
     except OSError:
         own.close()
         raise InputError(
-            f"{name} runs already in ROS domain {domain}: end that one first, or start this one in another namespace "
-            "(--ros-args -r __ns:=/NAME)"
+            f"{name} runs already in ROS domain {domain}, as process {_holder(address)}: end that one first, or start "
+            "this one in another namespace (--ros-args -r __ns:=/NAME)"
         ) from None
     own.detach()  # open for as long as the process lives
+
+
+def _holder(address: str) -> str:
+    """Return the number of the process that has an address; unknown where it does not answer."""
+    with socket.socket(socket.AF_UNIX) as asking:
+        asking.setblocking(False)
+        try:
+            asking.connect(address)
+        except OSError:
+            return "unknown"
+        credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return str(_CREDENTIALS.unpack(credentials)[0])
 
 
 def precede() -> str:

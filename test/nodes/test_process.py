@@ -153,6 +153,14 @@ def test_a_failure_of_rclpy_where_the_signal_came_changes_no_exit_code(ros_domai
     assert (ended.returncode, ended.stderr) == (143, "")
 
 
+def test_few_open_files_are_one_sentence(ros_domain):
+    """Where ROS would end in the middle of its work, and not well."""
+    line = "ulimit -n 30; exec " + shlex.join([sys.executable, "-m", "tam_calibration", "call", "calibrator/calibrate"])
+    ended = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 2
+    assert ended.stderr == "tam: ROS needs 64 open files at once, and this process may have 30: ulimit -n\n"
+
+
 def test_shipped_parameters_are_known(bench):
     """Every node takes the shipped file of parameters, which names all its parameters with their defaults."""
     path = configuration_folder() / "tam.yaml"

@@ -27,14 +27,14 @@ def wait_for_the_end_of(bench, children, name):
 
 
 def test_second_start_is_refused_and_the_first_goes_on(bench):
-    """The second ends with exit code 2, and the first answers as before."""
-    bench.start_nodes(calibrator={})
+    """The second ends with exit code 2 and the number of the first, which answers as before."""
+    first = bench.start_nodes(calibrator={})
     second = bench.fork(commands_of("second"))
     wait_for_the_end_of(bench, second, "second")
     assert second.end() == {"second": 2}
-    sentence = f"tam: /calibrator runs already in ROS domain {bench.context.get_domain_id()}: end that one first"
+    sentence = f"tam: /calibrator runs already in ROS domain {bench.context.get_domain_id()}, as process "
     (said,) = own_lines(second.log("second"))
-    assert said.startswith(sentence)
+    assert said.startswith(f"{sentence}{first.pids['calibrator']}: end that one first")
     assert "no samples are stored" in bench.call("calibrator/calibrate").message
 
 
