@@ -44,6 +44,7 @@ RULES = (
     ),
     Rule("gap_file", "", "Gap JSON: written by ~/diagnose where a file is named.", read_only=False),
     Rule("accept", "", "Findings that refuse no calibration, separated by commas.", read_only=False),
+    Rule("autosave", False, "Whether ~/calibrate writes calibration_file too.", read_only=False),
     Rule(
         "prior",
         False,
@@ -174,7 +175,7 @@ class Calibrator(TamNode):
         self._live.begin(calibration)
         self._publish(calibration)
         update = [] if calibration.update is None else update_sentences(calibration.update)
-        further = (*calibration.quality.reasons[1:], *calibration.notes, *update, _in_words(usage))
+        further = (*calibration.quality.reasons[1:], *calibration.notes, *update, _in_words(usage), *self._autosave())
         return "; ".join((f"{calibration.quality}; {calibration.method} on {calibration.samples} samples", *further))
 
     def _prior(self) -> Calibration | None:
@@ -243,6 +244,15 @@ class Calibrator(TamNode):
         written = [Path(path) for name in _WRITTEN if (path := self.value(name))]
         read = [Path(path)] if (path := self.value("array_file")) else []
         require_separate(written, read)
+
+    def _autosave(self) -> list[str]:
+        """Save where that is asked for; a file that cannot be written costs no calibration."""
+        if not self.value("autosave"):
+            return []
+        try:
+            return [self._save()]
+        except (InputError, Refused, OSError) as problem:
+            return [f"not saved: {problem}"]
 
     def _publish(self, calibration: Calibration) -> None:
         self._calibration = calibration

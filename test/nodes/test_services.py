@@ -147,6 +147,22 @@ def test_what_is_refused_can_be_accepted(board, recording):
     assert board.ask("calibrate").success
 
 
+AUTOSAVED = {"": "saved to {}", "missing": "not saved: {} cannot be written"}
+
+
+@pytest.mark.parametrize("folder", AUTOSAVED)
+def test_a_calibration_is_saved_without_being_asked(board, recording, tmp_path, folder):
+    """With ``autosave`` the answer names the file, or why it could not be written; the calibration holds either way."""
+    path = tmp_path / folder / "calibration.yaml"
+    path.parent.mkdir(exist_ok=True)
+    board.play(recording.take(slice(0, 60)), autosave=True, calibration_file=path)
+    if folder:
+        path.parent.rmdir()
+    answer = board.ask("calibrate")
+    assert answer.success and AUTOSAVED[folder].format(path) in answer.message
+    assert path.exists() == (not folder)
+
+
 def test_a_loaded_calibration_is_the_prior_where_that_is_asked_for(bench, recording, cross, tmp_path):
     """The answer says so."""
     path = tmp_path / "calibration.yaml"
