@@ -9,6 +9,7 @@ SHARE = f"share/{NAME}"
 BAGS = ["apsw>=3.46", "rosbags>=0.11", "zstandard>=0.22", "lz4>=4.0"]
 COMPARE = ["mujoco>=3.2"]
 REPORT = ["jinja2>=3", "matplotlib>=3.6"]
+FLEET = ["distributed>=2024.1", *REPORT]
 VALIDATION = ["magpylib>=5", "ppigrf>=2", *REPORT]
 NOTEBOOK = ["pandas>=2", "xarray>=2024.1"]
 TABLES = ["pandas>=2", "pyarrow>=14"]
@@ -38,6 +39,7 @@ setup(
         "bench": ["circuitpython-mag-cal", "harmonica>=0.7", "magcal", "navlib>=2"],
         "compare": COMPARE,
         "docs": DOCS,
+        "fleet": FLEET,
         "mutants": ["cosmic-ray>=8.7"],
         "notebook": NOTEBOOK,
         "report": REPORT,
@@ -57,6 +59,7 @@ setup(
             *BAGS,
             *COMPARE,
             *DOCS,
+            *FLEET,
             *NOTEBOOK,
             *TABLES,
             *VALIDATION,

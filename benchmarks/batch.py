@@ -1,7 +1,7 @@
 """Speed of `tam batch` on two processes over one, and what it takes to find that all is done.
 
 Run ``python benchmarks/batch.py``. Bags (mcap) of four sensors and a scalar that turn through all directions go through
-calibration, diagnosis and correction by ``fleet.batch.run_here``, which is what the command does. One process and
+calibration, diagnosis and correction by ``fleet.execution.run_here``, which is what the command does. One process and
 two take turns, and the ratio is taken turn by turn.
 
 On two cores two processes can be twice as fast only where nothing else runs. What a busy machine allows is told by

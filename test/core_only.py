@@ -8,7 +8,7 @@ class Absent:
     "Refuses what Ubuntu 24.04 or a robot has not."
 
     names = {
-        "apsw", "jinja2", "lz4", "magpylib", "matplotlib", "pandas", "ppigrf", "pyarrow",
+        "apsw", "dask", "distributed", "jinja2", "lz4", "magpylib", "matplotlib", "pandas", "ppigrf", "pyarrow",
         "pydantic", "pymavlink", "pyulog", "rosbags", "xarray", "zstandard",
     }
 

@@ -75,7 +75,9 @@ def test_every_import_is_declared(manifest, arguments):
     ros = {name for name in depends if not name.startswith("python3-")} - {"launch", "launch_ros"}
     extras = arguments["extras_require"]
     optional = {
-        requirement.split(">")[0] for extra in ("bags", "notebook", "report", "tables") for requirement in extras[extra]
+        requirement.split(">")[0]
+        for extra in ("bags", "fleet", "notebook", "report", "tables")
+        for requirement in extras[extra]
     }
     assert third_party_imports() == required | ros | optional
     keys = {name.removeprefix("python3-") for name in depends if name.startswith("python3-")}

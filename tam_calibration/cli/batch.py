@@ -4,16 +4,21 @@ import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tam_calibration.cli import terminal
 from tam_calibration.fleet import summary
 from tam_calibration.fleet.task import Result
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.libraries import require
 from tam_calibration.recordings.bag_storages import is_bag
 from tam_calibration.recordings.channel_map import Reading
 from tam_calibration.report.blocks import Block, Table, Text
+
+if TYPE_CHECKING:
+    from tam_calibration.fleet.batch import Run
 
 
 def _blocks(results: Sequence[Result]) -> list[Block]:
@@ -39,7 +44,8 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
     "--calibration", "Calibration YAML to correct with; its effects are removed first. By default each recording's own."
 )
 @click.option("-o", "--output", type=terminal.PATH, required=True, help="Folder of the results.")
-@click.option("--jobs", type=terminal.JOBS, help="Number of processes; by default one for each core.")
+@click.option("--jobs", type=terminal.JOBS, help="Number of processes on this machine; by default one for each core.")
+@click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
 @terminal.reading_options
 @terminal.answer_options
 def command(
@@ -48,6 +54,7 @@ def command(
     calibration_path: Path | None,
     output: Path,
     jobs: int | None,
+    scheduler: str | None,
     how: Reading,
     detail: terminal.Detail,
 ) -> None:
@@ -58,20 +65,31 @@ def command(
     failed or stays unexplained, 2 on bad input.
     """
     require("report", "the summary of a batch")
-    from tam_calibration.fleet.batch import find_recordings, require_separate_folder, run_batch, run_here
+    from tam_calibration.fleet.batch import find_recordings, require_separate_folder, run_batch
     from tam_calibration.fleet.task import read_options
 
     options = read_options(array_path, calibration_path, how)
     paths = find_recordings(recordings, without=output)
     inputs = [*paths, *(path for path in (array_path, calibration_path) if path is not None)]
     require_separate_folder(output, inputs)
-    if any(is_bag(path) for path in paths):
-        require("bags", "reading bags")
-    run = partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
+    run = _runner(paths, jobs, scheduler)
     with terminal.showing_progress() as progress:
         results = run_batch(paths, output, options, run, terminal.working(progress, "recordings"))
     _print(results, output, detail)
     raise click.exceptions.Exit(0 if all(result.is_settled for result in results) else 1)
+
+
+def _runner(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> "Run":
+    """Return what does the tasks: processes of this machine, or the workers of a cluster."""
+    from tam_calibration.fleet.batch import run_here, run_on_cluster
+
+    if scheduler is not None:
+        if jobs is not None:
+            raise InputError("give either --jobs, for this machine, or --scheduler, for a cluster")
+        return partial(run_on_cluster, scheduler=scheduler)
+    if any(is_bag(path) for path in paths):
+        require("bags", "reading bags")
+    return partial(run_here, jobs=jobs or len(os.sched_getaffinity(0)))
 
 
 def _print(results: Sequence[Result], output: Path, detail: terminal.Detail) -> None:

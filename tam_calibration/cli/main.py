@@ -71,7 +71,7 @@ SUBCOMMANDS = {
     "export": "Write a calibration for PX4, ArduPilot, imu_tools, MicroStrain, C or JSON.",
     "recover": "Write the readable messages of an unfinished or damaged bag to a new one.",
     "locate": "Locate the source in a recording, steady or alternating.",
-    "batch": "Calibrate, diagnose and correct many recordings, on all cores.",
+    "batch": "Calibrate, diagnose and correct many recordings, on all cores or on a Dask cluster.",
     "nodes": "Start the nodes: collector, calibrator, corrector, localizer.",
     "play": "Play a bag onto its topics, to feed the nodes.",
     "call": "Call a service of the nodes, such as calibrator/calibrate.",

@@ -1,1 +1,1 @@
-"""Many recordings through calibration, diagnosis and correction on all cores."""
+"""Many recordings through calibration, diagnosis and correction: on the cores of this machine or on a cluster."""

@@ -6,7 +6,7 @@ Processes of this machine end with the block that uses them, however that ends.
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from glob import glob, has_magic
@@ -16,14 +16,14 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from os.path import realpath
 from pathlib import Path
 from threading import Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from tam_calibration.files.text_files import hold, remove_left_over, remove_unfinished, temporary_place
 from tam_calibration.fleet.summary import SUMMARIES, write_summaries
 from tam_calibration.fleet.task import Options, Result, Task, process, read_result
 from tam_calibration.messages.samples import Progress
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.libraries import use_one_thread
+from tam_calibration.model.libraries import require, use_one_thread
 from tam_calibration.model.signals import postponed
 from tam_calibration.recordings.bag_storages import METADATA, STORAGES
 from tam_calibration.results.overwriting import require_separate
@@ -75,7 +75,7 @@ def submit_all(pool: Executor, work: Callable[[Given], Done], tasks: Iterable[Gi
     Parameters
     ----------
     pool : Executor
-        As `processes` gives it.
+        As `processes` gives it, or a cluster.
     work : callable
         Does a task.
     tasks : iterable
@@ -136,19 +136,64 @@ def _in_pool(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, BaseException
     context.set_forkserver_preload(list(_PRELOADED))
     try:
         with processes(jobs, context) as pool:
-            futures = submit_all(pool, process, tasks)
-            for future in as_completed(futures):
-                yield futures[future], future.exception()
+            yield from _as_done(pool, tasks)
     except BrokenProcessPool as problem:  # while tasks were handed in
         yield from ((task, problem) for task in tasks)
+
+
+def _as_done(pool: Executor, tasks: list[Task]) -> Iterator[tuple[Task, BaseException | None]]:
+    futures = submit_all(pool, process, tasks)
+    for future in as_completed(futures):
+        yield futures[future], CancelledError() if future.cancelled() else future.exception()
 
 
 def _in_words(problem: BaseException | None) -> str:
     if problem is None:
         return ""
+    if isinstance(problem, CancelledError):
+        return "the cluster gave it up: did its scheduler end?"
     if isinstance(problem, BrokenProcessPool):
         return "its process was killed: did memory run out? Cut the recording, or give the batch more memory"
     return f"{type(problem).__name__}: {problem}"
+
+
+CONNECT_S = 10.0
+"""For a scheduler to answer: one that runs does at once, also in another building."""
+
+
+def run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, str]]:
+    """Do tasks on the workers of a scheduler; yield each as it is done, with what kept its result from being written.
+
+    Parameters
+    ----------
+    tasks : list of Task
+        One for each recording; workers see the same paths.
+    scheduler : str
+        Address of a Dask scheduler, as in tcp://host:8786.
+
+    Returns
+    -------
+    iterator of (Task, str)
+        With an empty text where the result was written.
+
+    Raises
+    ------
+    InputError
+        When Dask is not installed, or the scheduler does not answer or has no worker.
+    """
+    require("fleet", "--scheduler")
+    import distributed
+
+    dask: Any = distributed  # typed in part
+    try:
+        connected = dask.Client(scheduler, timeout=CONNECT_S)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"no scheduler answers at {scheduler}: give its address, as in tcp://host:8786") from problem
+    with connected as client:
+        if not client.scheduler_info()["workers"]:
+            raise InputError(f"the scheduler at {scheduler} has no worker: start one with dask worker {scheduler}")
+        for task, cause in _as_done(client.get_executor(pure=False), tasks):
+            yield task, _in_words(cause)
 
 
 _SUFFIXES = (".csv", ".zstd", *(storage.suffix for storage in STORAGES.values()))
@@ -243,7 +288,7 @@ def run_batch(recordings: list[Path], out: Path, options: Options, run: Run, pro
     options : Options
         What is asked for every recording, from ``read_options``.
     run : callable
-        Does the tasks: ``run_here``, in processes of this machine.
+        Does the tasks: ``run_here`` in processes of this machine, ``run_on_cluster`` on others.
     progress : callable
         Called with what is done, and of how much.
 

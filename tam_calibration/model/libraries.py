@@ -14,6 +14,7 @@ from tam_calibration.model.exceptions import InputError
 EXTRAS = {
     "bags": ("rosbags", "zstandard", "lz4"),
     "report": ("jinja2", "matplotlib"),
+    "fleet": ("distributed",),
     "compare": ("mujoco",),
     "tables": ("pandas", "pyarrow"),
 }

@@ -44,7 +44,7 @@ _STRANGE = (
 )
 
 
-_ENDLESS = ("rate",)
+_ENDLESS = ("scheduler", "rate")
 """Options that may make a command wait as long as it is told to."""
 
 

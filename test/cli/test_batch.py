@@ -147,13 +147,14 @@ def refuse(folder, arguments, *words, code=2):
 
 
 def test_bad_input_is_one_sentence(folder, asked, recording, cross):
-    """No recording, no array, a calibration that is none or of another array."""
+    """No recording, no array, a calibration that is none or of another array, two places to work at once."""
     array, out = ["--array", "array.yaml"], ["-o", "out"]
     refuse(folder, ["missions/**/*.bag", *array, *out], "no recording is found by missions/**/*.bag")
     refuse(folder, ["none.csv", *array, *out], "none.csv")
     refuse(folder, ["missions/**", "--array", "none.yaml", *out], "none.yaml cannot be read")
     refuse(folder, ["missions/**", *array, *out, "--calibration", "array.yaml"], "array.yaml")
     refuse(folder, ["missions/**", *array, "-o", "array.yaml"], "array.yaml cannot be written")
+    refuse(folder, ["missions/**", *array, *out, "--jobs", "2", "--scheduler", "tcp://a:1"], "either --jobs")
     write_calibration(folder / "c.yaml", calibrate(recording, cross))
     write_array(folder / "far.yaml", replace(cross, positions_m=3 * cross.positions_m))
     refuse(folder, ["missions/**", "--array", "far.yaml", *out, "--calibration", "c.yaml"], "of another array")

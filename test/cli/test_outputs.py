@@ -140,6 +140,17 @@ def test_a_simulation_appears_whole_or_not_at_all(tmp_path, monkeypatch, taken):
     assert os.listdir() == [taken]
 
 
+def test_a_dead_scheduler_leaves_nothing(stored, tmp_path, monkeypatch):
+    """Neither a lock nor the folders that were made for the results."""
+    pytest.importorskip("distributed")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tam_calibration.fleet.batch.CONNECT_S", 0.5)
+    words = ["batch", str(stored / "s.csv"), "--array", str(stored / "a.yaml"), "--scheduler", "tcp://127.0.0.1:1"]
+    result = CliRunner().invoke(main, [*words, "--out", "new/out"])
+    assert result.exit_code == 2 and "no scheduler answers" in result.stderr
+    assert os.listdir() == []
+
+
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], ids=lambda each: each
 )

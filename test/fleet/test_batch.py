@@ -123,7 +123,7 @@ def test_a_batch_that_fails_leaves_nothing(folder, options, asked):
     """Neither a lock nor folders that are empty; one that ends well leaves no lock either."""
 
     def fail(tasks):
-        raise InputError("no processes can work together")
+        raise InputError("no scheduler answers")
 
     before = sorted(folder.rglob("*"))
     with pytest.raises(InputError):
