@@ -86,7 +86,7 @@ def command(
 
             write_gap_report(places["report"], gap, source)
         used = [Text(sentence(str(usage)))] if usage.received else []
-        effects = ",".join(cause.fitted.effect for cause in gap.causes)
+        effects = ",".join(gap.named)
         words = ("calibrate", recording, "--array", array_path, "--effects", effects, "-o", "calibration.yaml")
         answer.give(
             gap_to_mapping(gap, source),

@@ -207,9 +207,10 @@ class PeriodicInterference(LinearEffect):
         phase = 2 * np.pi * shape["frequency_hz"] * (covariates.time_s - shape["start_s"])
         terms = []
         for name, orders in (("line", (1,)), ("harmonics", (2, 3))):
-            waves = np.column_stack([wave(order * phase) for order in orders for wave in (np.cos, np.sin)])
+            # Rounding leaves nothing of a sine at half the sampling rate, of which no sample shows anything.
+            waves = [wave(order * phase).round(9) for order in orders for wave in (np.cos, np.sin)]
             units = {f"{wave} {order}": "T" for order in orders for wave in ("cosine", "sine")}
-            terms += course_terms(covariates, name, units, waves, with_scalar=True)
+            terms += course_terms(covariates, name, units, np.column_stack(waves), with_scalar=True)
         return terms
 
 
@@ -234,7 +235,7 @@ def _lines(residuals: WhitenedResiduals) -> list[float]:
         power = np.maximum(power, of_row)
     frequency = np.arange(len(power)) / (length * spacing)
     # A period that is no minor part of the record is a drift.
-    power[(frequency <= _LEAST_PERIODS / time[-1]) | (frequency >= 0.5 / covariates.step_s)] = 0
+    power[(frequency <= _LEAST_PERIODS / time[-1]) | (frequency > (0.5 + NEGLIGIBLE) / covariates.step_s)] = 0
     found: list[float] = []
     while len(found) < 4 and power.max() > 0:
         best = int(power.argmax())

@@ -291,11 +291,10 @@ def _in_words(gap: Gap, stated_T: FloatArray | None) -> str:
             return "; no noise or known effect explains it: see where and when it is, with tam diagnose --report"
         size = f"{to_nanotesla(min(levels_T)):.3g} to {to_nanotesla(max(levels_T)):.3g} nT"
         return f"; white noise of {size} explains it: state that noise in the array file"
-    names = list(dict.fromkeys(cause.fitted.effect for cause in gap.causes))
-    if not names:
+    if not gap.named:
         return "; no known effect explains it: see where and when it is, with tam diagnose --report"
-    causes = " and ".join(name.replace("_", " ") for name in names)
+    causes = " and ".join(name.replace("_", " ") for name in gap.named)
     sensors = sorted({sensor for cause in gap.causes for sensor in cause.sensors}, key=str)
     where = f" in {sensors_in_words(sensors, gap.sensor_count)}"
-    verb = f"explain{'s' if len(names) == 1 else ''}{'' if gap.verdict == 'explained' else ' part of'}"
-    return f"; {causes}{where} {verb} it: fit that too, with --effects {','.join(names)}"
+    verb = f"explain{'s' if len(gap.named) == 1 else ''}{'' if gap.verdict == 'explained' else ' part of'}"
+    return f"; {causes}{where} {verb} it: fit that too, with --effects {','.join(gap.named)}"

@@ -277,7 +277,8 @@ class Choice:
             gains, ranks = left.gains([self._join(offer) for offer in offers])
             values = evidence(self.energy, gained + gains, self.count, spent + ranks)
             values[ranks == 0] = -np.inf
-            first = int(np.argmax(values))
+            # Of equal ones the first: a harmonic may have the alias of its line.
+            first = int(np.argmax(values >= values.max() - _ROUNDING * np.abs(values.max())))
             value = float(values[first]) - (steps + 1) * price
             if not np.isfinite(value) or (chosen and value <= best):
                 break

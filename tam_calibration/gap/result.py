@@ -246,6 +246,11 @@ class Gap:
         return len(self.residue.floor_T) // 3
 
     @property
+    def named(self) -> tuple[str, ...]:
+        """Effects that are its causes, each once."""
+        return tuple(dict.fromkeys(cause.fitted.effect for cause in self.causes))
+
+    @property
     def most_unseen_errors(self) -> float:
         """Largest bias of a calibration parameter, in its standard errors, by a gap too small to be detected.
 

@@ -280,7 +280,7 @@ def _figures_of(gap: Gap | None) -> dict[str, object]:
         return {"gap": "not diagnosed"}
     return {
         "gap": gap.verdict,
-        "gap_causes": " ".join(cause.fitted.effect for cause in gap.causes),
+        "gap_causes": " ".join(gap.named),
         "set_95": " ".join(gap.set_95),
         "gap_samples": len(gap.residue.time_s),
         "gap_before_T": f"{gap.size.before_T:.4g}",

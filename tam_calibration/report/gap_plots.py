@@ -81,12 +81,11 @@ class GapView:
 @page.in_style
 def plot_evidence(gap: Gap) -> Figure:
     """Draw the probabilities of the causes, the most probable on top, supported ones in full colour."""
-    supported = {cause.fitted.effect for cause in gap.causes}
     ranked = sorted(gap.probabilities.items(), key=lambda each: -each[1])
     # Of the causes the others share a few per mille.
-    shown = [each for each in ranked[:8] if each[1] >= 1e-3 or each[0] in supported] or ranked[:1]
+    shown = [each for each in ranked[:8] if each[1] >= 1e-3 or each[0] in gap.named] or ranked[:1]
     names, values = [name.replace("_", " ") for name, _ in shown], [value for _, value in shown]
-    colors = [page.AFTER_COLOR if name in supported else page.QUIET_COLOR for name, _ in shown]
+    colors = [page.AFTER_COLOR if name in gap.named else page.QUIET_COLOR for name, _ in shown]
     figure = page.new_figure(page.PAGE_WIDTH_INCH, 0.9 + 0.28 * len(shown))
     axes = figure.subplots()
     axes.barh(names, values, color=colors, height=0.65)

@@ -128,7 +128,7 @@ def _signature(view: gap_plots.GapView) -> list[Block]:
                 "the size of the disturbance, with a band of two standard errors on either side.",
                 "no curve: noise has no course.",
             )
-    for cause in causes_of(view.gap.signature[0]):
+    for cause in causes_of(view.gap.signature[0], view.gap.named):
         size = f" In nature: {cause.size}." if cause.size else ""
         title = f"{cause.title[:1].upper()}{cause.title[1:]}. {cause.physics}"
         blocks.append(Text(f"{title}{size} To prove it: {cause.proof}. Then: {cause.remedy}."))

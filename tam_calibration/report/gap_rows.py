@@ -1,7 +1,7 @@
 """A gap and its laws as paragraphs, tables and sentences, for the page and for the terminal."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -287,9 +287,16 @@ def _course(law: Signature) -> str:
     }[law.course]
 
 
-def causes_sentence(law: Signature) -> str:
-    """Return what could make a law, the likeliest first, with what would prove the first ones."""
-    causes = causes_of(law)
+def causes_sentence(law: Signature, named: Collection[str] = ()) -> str:
+    """Return what could make a law, the likeliest first, with what would prove the first ones.
+
+    Parameters
+    ----------
+    law : Signature
+    named : collection of str
+        Effects that the answer names.
+    """
+    causes = causes_of(law, named)
     if not causes:
         return ""
     named = [f"{one.title} ({one.proof})" for one in causes[:4]]
@@ -306,9 +313,9 @@ def law_blocks(gap: Gap, is_short: bool = False) -> list[Block]:
     is_short : bool
         Whether to leave out the causes of the other laws.
     """
-    words = [causes_sentence(law) for law in gap.signature[:1]]
+    words = [causes_sentence(law, gap.named) for law in gap.signature[:1]]
     for law in gap.signature[1:]:
-        causes = "" if is_short else causes_sentence(law)
+        causes = "" if is_short else causes_sentence(law, gap.named)
         words.append(" ".join(filter(None, (law_sentence(law, gap.sensor_count, bool(gap.causes)), causes))))
     left = [f"What its causes leave: {law_sentence(law, gap.sensor_count)}" for law in gap.remaining]
     return [*(Text(one) for one in words if one), *(Text(one, "doubt") for one in left)]

@@ -30,6 +30,19 @@ def switched(made, times, row=4, size=15e-9):
     return made.with_row(row, size * side)
 
 
+@pytest.mark.parametrize("samples_a_period", [2, 3])
+def test_a_tone_whose_harmonic_looks_like_it_is_its_line(run, samples_a_period):
+    """At half the sampling rate the third harmonic has the same alias, and the sine is zero at every sample."""
+    made = run(600)
+    turns = np.arange(600) / samples_a_period
+    made = made.with_row(4, 20e-9 * np.cos(2 * np.pi * turns))
+    (cause,) = diagnose(made.recording, made.array).causes
+    assert (cause.fitted.effect, cause.sensors) == ("periodic_interference", (2,))
+    assert {one.term for one in cause.fitted.contributions} == {"line"}
+    values = [one.values for one in cause.fitted.contributions if one.axis == 1]
+    assert np.hypot(*values[0].values()) == pytest.approx(20e-9, rel=0.05)
+
+
 def test_three_jumps_are_jumps(run):
     """What changes sides no more often has a place in the library."""
     made = switched(run(SAMPLES), [12.0, 30.0, 44.0])

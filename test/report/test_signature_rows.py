@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tam_calibration.gap.laws.law import Course, Signature
+from tam_calibration.gap.laws.law import Course, Signature, causes_of
 from tam_calibration.report.gap_plots import plot_course
 from tam_calibration.report.gap_rows import causes_sentence, law_sentence
 
@@ -61,6 +61,9 @@ def test_causes_are_listed_with_their_proof():
     assert words.startswith("Causes with this signature: ")
     assert "supply that sags (record the supply voltage of the sensor)" in words
     assert causes_sentence(law("samples", "channel")) == ""
+    last = causes_of(law("gain", "episodes"))[-1]
+    named = causes_sentence(law("gain", "episodes"), [last.name])
+    assert named.startswith(f"Causes with this signature: {last.title} (")
 
 
 def test_the_course_is_drawn_with_its_band():

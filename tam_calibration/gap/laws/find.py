@@ -390,8 +390,10 @@ def curve_of(law: Candidate, residual: Residual) -> Course:
     """
     fit = law.fitted(residual, with_errors=True)
     size = law.pattern.size(residual)
-    in_time = law.bins is not None and law.pattern.law != "own_field"
-    mean = law.coefficients(fit.mean, residual.count) if in_time else size * (law.features(residual) @ fit.mean[0])
+    in_time = law.bins is not None and law.pattern.law != "own_field" and law.course != "tone"
+    mean = law.coefficients(fit.mean, residual.count)
+    if not in_time:
+        mean = np.einsum("nrp,np->nr", law.pattern.features, mean)
     is_gain = in_time and law.pattern.law == "gain"
     unit = residual.unit_T / size / (residual.field_T if is_gain else 1.0)
     direction = np.linalg.svd(mean - mean.mean(axis=0), full_matrices=False)[2][0]

@@ -1,6 +1,6 @@
 """One law of a gap, as the answer states it, and the causes that can make it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from tam_calibration.effects.effect import read_causes
@@ -212,10 +212,23 @@ CAUSES = _read()
 """All causes that are known, ours and those of which there is no simulation."""
 
 
-def causes_of(law: Signature) -> tuple[PossibleCause, ...]:
-    """Return the causes that can make a law: first those whose channel it follows, then in the order of the table."""
+def causes_of(law: Signature, named: Collection[str] = ()) -> tuple[PossibleCause, ...]:
+    """Return the causes that can make a law.
+
+    First come those that an answer names, then those whose channel the law follows; others are in the table's order.
+
+    Parameters
+    ----------
+    law : Signature
+    named : collection of str
+        Effects that the answer names.
+    """
     agreeing = [one for one in CAUSES if one.agrees_with(law)]
-    return tuple(sorted(agreeing, key=lambda one: not (one.channel and one.channel == law.follows)))
+
+    def rank(one: PossibleCause) -> tuple[bool, bool]:
+        return one.name not in named, not one.channel or one.channel != law.follows
+
+    return tuple(sorted(agreeing, key=rank))
 
 
 def acts_at(effect: str, place: Place) -> bool:

@@ -132,6 +132,17 @@ def test_a_tone(run):
     assert float(first.follows.split()[0]) == pytest.approx(4.3, abs=0.01)
 
 
+@pytest.mark.parametrize("change", [0.0, 0.5])
+def test_the_size_of_a_tone_is_that_of_its_waves(run, change):
+    """From peak to peak, also where its amplitude changes and is no constant of the fit."""
+    clean = run(samples=900)
+    time_s = clean.recording.time_s
+    amplitude = 10e-9 * (1 - change + change * np.sin(0.2 * time_s))
+    first = signature(clean.with_row(0, amplitude * np.sin(2 * np.pi * 4.3 * time_s)))[0]
+    assert first.course == "tone"
+    assert np.ptp(first.curve.size) == pytest.approx(20e-9, rel=0.1)
+
+
 @pytest.mark.parametrize(("frequency_hz", "is_tone"), [(3.0, True), (0.25, False)])
 def test_a_gain_with_a_tone_is_faster_than_the_motion(run, frequency_hz, is_tone):
     """At the pace of the motion, 0.14 Hz about its fastest axis, it would imitate what goes with that."""
