@@ -28,9 +28,9 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("magnet_pump", "dropped_weight", "neighbouring_lift"),
     *("turning_antenna", "working_arm"),
     *("rising_barge", "breathing_diver"),
+    *("emptying_bottle", "belt_drive"),
 )
 """What disturbs all sensors leaves none to another cause."""
 
