@@ -15,8 +15,7 @@ G = (E |z|² + c² E z²) / 2; it is that of the AR(2) process with the poles p 
 tan(arg G) = -cot(θ) (1 - ρ²) / (1 + ρ²), which fixes c; for bands above a third of the rate it comes near.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -28,8 +27,6 @@ from tam_calibration.effects.effect import FoundEffect, LinearEffect
 from tam_calibration.effects.library import check_numbers, effect_named
 from tam_calibration.effects.recursions import Memory, follow
 from tam_calibration.effects.removal import agreed_field, filled
-from tam_calibration.effects.single_samples import samples_in
-from tam_calibration.effects.term import rows_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import FittedEffect
 from tam_calibration.model.recording import BLOCK, Recording, channel_in_words, is_further
@@ -114,35 +111,18 @@ Addition = Callable[[FloatArray, Covariates], FloatArray]
 """Returns the rows (N, 3K + 1) of the next samples with something more in them, tesla."""
 
 
-def streamed(fitted: FittedEffect, generator: np.random.Generator) -> list[Addition]:
-    """Return an effect for samples that arrive; where it is random, each contribution by itself.
-
-    Parameters
-    ----------
-    fitted : FittedEffect
-        The effect with its numbers.
-    generator : numpy.random.Generator
-        Source of the random numbers.
-
-    Raises
-    ------
-    InputError
-        When the effect needs samples that are still to come.
-    """
-    effect, parts = effect_named(fitted.effect), fitted.contributions
+def _streamed(fitted: FittedEffect, generator: np.random.Generator) -> Addition:
+    """Return an effect for samples that arrive; one that needs those to come is refused."""
+    effect = effect_named(fitted.effect)
     if isinstance(effect, LinearEffect):
-        return [_Recursive(fitted, generator) if effect.is_causal else _FromThePast(fitted, generator)]
+        return _Recursive(fitted, generator) if effect.is_causal else _FromThePast(fitted, generator)
     assert isinstance(effect, FoundEffect)
-    if effect.stream not in _STREAMS:
+    if effect.stream == "of_whole":
         raise InputError(
             f"{fitted.effect} cannot be added to samples as they arrive, for it needs those to come: "
             "add it to the whole recording with tam simulate --from-comparison"
         )
-    kind = _STREAMS[effect.stream]
-    return [
-        kind(replace(fitted, contributions=(part,)), own)
-        for part, own in zip(parts, generator.spawn(len(parts)), strict=True)
-    ]
+    return _Recursive(fitted, generator) if effect.stream == "of_sample" else _FromThePast(fitted, generator)
 
 
 class _Recursive:
@@ -207,54 +187,6 @@ def _continued(past: Covariates) -> Covariates:
     return _joined(past, past.time_s[-1] + step * ahead, ahead[:, None] ** powers @ coefficients)
 
 
-class _Spikes:
-    """Bursts of samples at random times in which readings are far off."""
-
-    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
-        (self._part,) = fitted.contributions
-        self._burst = samples_in(self._part, "burst", BLOCK)
-        self._chance = self._part.values["rate"] / self._burst
-        self._when, self._what = generator.spawn(2)
-        self._since = self._burst
-
-    def __call__(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        index, touched = np.arange(len(rows_T)), rows_of(self._part, covariates)
-        starts = np.where(self._when.random(len(index)) < self._chance, index, -self._since)
-        latest = np.maximum.accumulate(starts)
-        self._since = int(len(index) - latest[-1])
-        is_struck = (index - latest < self._burst)[:, None]
-        rows = rows_T.copy()
-        rows[:, touched] = np.where(is_struck, self._struck(rows_T[:, touched], latest), rows[:, touched])
-        return rows
-
-    def _struck(self, rows_T: FloatArray, latest: NDArray[np.intp]) -> FloatArray:
-        """Return what rows (N, n) would read in a burst, if each sample's latest one began at the given index."""
-        return rows_T + self._what.normal(0, self._part.values["size"], rows_T.shape)
-
-
-class _Stale(_Spikes):
-    """Bursts in which readings repeat the one before the burst, or come some samples late."""
-
-    _past_T: FloatArray | None = None
-
-    def _struck(self, rows_T: FloatArray, latest: NDArray[np.intp]) -> FloatArray:
-        late = samples_in(self._part, "samples late", BLOCK)
-        past = rows_T[:0] if self._past_T is None else self._past_T
-        known = np.concatenate([past, rows_T])
-        self._past_T = known[-max(self._burst, late) :]
-        source = latest - 1 if self._part.term == "repeats" else np.arange(len(rows_T)) - late
-        return np.asarray(known[np.maximum(source + len(past), 0)])
-
-
-_STREAMS: dict[str, Callable[[FittedEffect, np.random.Generator], Addition]] = {
-    "of_sample": _Recursive,
-    "of_course": _FromThePast,
-    "spikes": _Spikes,
-    "repeats": _Stale,
-}
-"""The class for each kind of an effect that is no linear one; one of complete recordings has none."""
-
-
 class Additions:
     """Adds the effects and the noise that a simulation lacks to its readings, as a plugin makes them.
 
@@ -290,10 +222,9 @@ class Additions:
         of_field: list[Addition] = []
         of_reading: list[Addition] = []
         pairs = zip(self._mend.added, own, strict=True)
-        with _values_known():
-            for fitted, generator in sorted(pairs, key=lambda pair: effect_named(pair[0].effect).output_stage):
-                is_of_field = isinstance(effect_named(fitted.effect), LinearEffect)
-                (of_field if is_of_field else of_reading).extend(streamed(fitted, generator))
+        for fitted, generator in sorted(pairs, key=lambda pair: effect_named(pair[0].effect).output_stage):
+            is_of_field = isinstance(effect_named(fitted.effect), LinearEffect)
+            (of_field if is_of_field else of_reading).append(_streamed(fitted, generator))
         stream = NoiseStream(self._mend, noise)
         self._steps = [*of_field, lambda rows, covariates: rows + stream.drawn(covariates.time_s), *of_reading]
 
@@ -331,7 +262,7 @@ class Additions:
         Raises
         ------
         InputError
-            When shapes do not match, or a channel is missing that an effect follows.
+            When shapes do not match, a channel is missing that an effect follows, or an effect lacks a value.
         """
         shape = np.shape(readings_T)
         scalar, temperature, current = (
@@ -348,9 +279,11 @@ class Additions:
         self._newest_s = float(batch.time_s[-1])
         covariates = _covariates(self._mend, batch, self._errors, self._first_s)
         rows = _rows(batch)
-        with _values_known():
+        try:
             for step in self._steps:
                 rows = step(rows, covariates)
+        except KeyError as missing:
+            raise InputError(f"the mend has an effect that needs the value {missing}") from None
         made = with_rows(batch, rows)
         return made.readings_T.reshape(shape), made.scalar_T
 
@@ -395,15 +328,6 @@ def _errors_of(mend: Mend, errors: SensorErrors | None) -> SensorErrors:
         if any(part.sensor >= array.sensor_count for part in fitted.contributions):
             raise InputError(f"{fitted.effect} acts on a sensor beyond the {array.sensor_count} that there are")
     return errors
-
-
-@contextmanager
-def _values_known() -> Iterator[None]:
-    """Tell in a sentence which value an effect lacks."""
-    try:
-        yield
-    except KeyError as missing:
-        raise InputError(f"the mend has an effect that needs the value {missing}") from None
 
 
 def _check(mend: Mend, recording: Recording) -> None:

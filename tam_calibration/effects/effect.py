@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Covariates, jumps
 from tam_calibration.effects.grades import LEAST_SAMPLES
+from tam_calibration.effects.recursions import Memory
 from tam_calibration.effects.residuals import Finding, WhitenedResiduals
 from tam_calibration.effects.term import Coefficient, Key, Term, rows_of
 from tam_calibration.model.exceptions import InputError, quoted
@@ -391,11 +392,11 @@ def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str)
     return term
 
 
-StreamKind = Literal["of_sample", "of_course", "spikes", "repeats", "of_whole"]
+StreamKind = Literal["of_sample", "of_course", "of_whole"]
 """How an effect is added to samples as they arrive.
 
-``of_sample``: to each by itself, or with what recursions remember. ``of_course``: by how the field goes on. ``spikes``:
-at random, in bursts. ``repeats``: readings of before, in bursts at random. ``of_whole``: only to whole recordings.
+``of_sample``: to each by itself, or with what the memory of the covariates tells of those before. ``of_course``: by how
+the field goes on. ``of_whole``: only to whole recordings.
 """
 
 
@@ -479,12 +480,14 @@ class FoundEffect(Effect):
         fitted : FittedEffect
             Where the effect acts, and its numbers.
         generator : numpy.random.Generator
-            Source of the random numbers.
+            Source of the random numbers, of each contribution another one, so that batches change no number.
         """
-        rows = rows_T.copy()
-        for part in fitted.contributions:
+        rows, memory = rows_T.copy(), covariates.memory or Memory()
+        sources = memory.recall(generator.spawn(len(fitted.contributions)))
+        memory.keep(sources)
+        for part, source in zip(fitted.contributions, sources, strict=True):
             touched = rows_of(part, covariates)
-            rows[:, touched] = self.put(rows[:, touched], part, covariates, generator)
+            rows[:, touched] = self.put(rows[:, touched], part, covariates, source)
         return rows
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:

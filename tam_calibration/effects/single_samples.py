@@ -16,7 +16,7 @@ Such effects are simulated as bursts of samples that something strikes at random
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -26,8 +26,10 @@ from tam_calibration.core.least_squares import ridged
 from tam_calibration.core.noise import noise_deviation, noise_energy
 from tam_calibration.effects.effect import ALL, Contribution, Covariates, Finding, FoundEffect
 from tam_calibration.effects.grades import LONGEST_BURST, MINOR, MOST, NEGLIGIBLE
+from tam_calibration.effects.recursions import Memory
 from tam_calibration.effects.residuals import Place, WhitenedResiduals, places
 from tam_calibration.model.exceptions import InputError
+from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 
 A_DOZEN = 12
@@ -63,9 +65,8 @@ class Outliers(FoundEffect):
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
-        struck = np.unique(drawn_bursts(part, len(rows_T), source))
-        rows_T[struck] += source.normal(0, part.values["size"], rows_T[struck].shape)
-        return rows_T
+        bursts = drawn_bursts(part, run, source)
+        return rows_T + bursts.is_struck[:, None] * bursts.source.normal(0, part.values["size"], rows_T.shape)
 
 
 def find_spikes(residuals: WhitenedResiduals) -> NDArray[np.intp] | str:
@@ -127,16 +128,34 @@ def _offers(residuals: WhitenedResiduals, samples: NDArray[np.intp]) -> Iterator
         yield whole, float(np.max(single**2, axis=1).sum()), 1, 3 * count + 1
 
 
-def drawn_bursts(part: Contribution, sample_count: int, generator: Generator) -> NDArray[np.intp]:
-    """Draw bursts of samples; return the samples of each, (bursts, samples of a burst): at the end the last repeats.
+class Bursts(NamedTuple):
+    """Bursts of samples that something strikes at random times.
+
+    Parameters
+    ----------
+    is_struck : (N,) array of bool
+        Whether a sample is in a burst.
+    latest : (N,) array of int
+        Index at which the latest burst up to each sample began; negative before the first of these samples.
+    source : numpy.random.Generator
+        Of further random numbers.
+    """
+
+    is_struck: NDArray[np.bool_]
+    latest: NDArray[np.intp]
+    source: Generator
+
+
+def drawn_bursts(part: Contribution, run: Covariates, source: Generator) -> Bursts:
+    """Draw bursts of samples; one at the end of a batch goes on in the next.
 
     Parameters
     ----------
     part : Contribution
         With the ``rate``, the part of all samples that is struck, and the ``burst`` in samples, by default one.
-    sample_count : int
-        Of the run.
-    generator : numpy.random.Generator
+    run : Covariates
+        Of the N samples of a run, or of a batch, with the memory of those before.
+    source : numpy.random.Generator
         Source of the random numbers.
 
     Raises
@@ -144,14 +163,18 @@ def drawn_bursts(part: Contribution, sample_count: int, generator: Generator) ->
     InputError
         When the rate is no part, or the burst longer than the run.
     """
-    rate, burst = part.values["rate"], samples_in(part, "burst", sample_count)
+    rate, burst = part.values["rate"], samples_in(part, "burst", run)
     if not 0 <= rate <= 1:
         raise InputError(f"the rate of {part.term} must be a part of all samples, 0 to 1, not {rate:g}")
-    starts = np.flatnonzero(generator.random(sample_count) < rate / burst)
-    return np.asarray(np.minimum(starts[:, None] + np.arange(burst), sample_count - 1))
+    memory = run.memory or Memory()
+    since, when, what = memory.recall((burst, *source.spawn(2)))
+    index = np.arange(run.sample_count)
+    latest = np.maximum.accumulate(np.where(when.random(len(index)) < rate / burst, index, -since))
+    memory.keep((int(len(index) - latest[-1]), when, what))
+    return Bursts(index - latest < burst, latest, what)
 
 
-def samples_in(part: Contribution, name: str, sample_count: int) -> int:
+def samples_in(part: Contribution, name: str, run: Covariates) -> int:
     """Return a number of samples, at least and by default one, that a contribution states.
 
     Parameters
@@ -160,19 +183,17 @@ def samples_in(part: Contribution, name: str, sample_count: int) -> int:
         Of the effect.
     name : str
         Of the value.
-    sample_count : int
-        Of the run, which the number must not exceed.
+    run : Covariates
+        Of the samples of a run, which the number must not exceed; those of a batch may be fewer.
 
     Raises
     ------
     InputError
         When it does, or is negative.
     """
-    number = part.values.get(name, 1.0)
-    if not 0 <= number <= sample_count:
-        raise InputError(
-            f"the {name} of {part.term} must be at most the {sample_count} samples of the run, not {number:g}"
-        )
+    number, most = part.values.get(name, 1.0), run.sample_count if run.memory is None else BLOCK
+    if not 0 <= number <= most:
+        raise InputError(f"the {name} of {part.term} must be at most the {most} samples of the run, not {number:g}")
     return max(1, round(number))
 
 
@@ -354,10 +375,14 @@ class StaleSamples(DisplacedEffect):
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
-        struck, late = drawn_bursts(part, len(rows_T), source), samples_in(part, "samples late", len(rows_T))
-        taken = np.broadcast_to(struck[:, :1] - 1, struck.shape) if part.term == "repeats" else struck - late
-        rows_T[struck] = rows_T[np.maximum(taken, 0)]
-        return rows_T
+        is_struck, latest, _ = drawn_bursts(part, run, source)
+        burst, late = (samples_in(part, name, run) for name in ("burst", "samples late"))
+        memory = run.memory or Memory()
+        past = memory.recall(rows_T[:0])
+        known = np.concatenate([past, rows_T])
+        memory.keep(known[-max(burst, late) :])
+        taken = latest - 1 if part.term == "repeats" else np.arange(len(rows_T)) - late
+        return np.where(is_struck[:, None], known[np.maximum(taken + len(past), 0)], rows_T)
 
 
 def _ways_back(expected_T: FloatArray, stretches: Iterable[slice]) -> FloatArray:
@@ -402,9 +427,9 @@ class InterpolatedSamples(DisplacedEffect):
 
     def put(self, rows_T: FloatArray, part: Contribution, run: Covariates, source: Generator) -> FloatArray:
         """Return the readings (N, n) of the n rows that a contribution acts on with the effect; see `FoundEffect`."""
-        rows = rows_T.copy()
-        for inside in drawn_bursts(part, len(rows_T), source):
-            if inside[0] > 0 and inside[-1] < len(rows_T) - 1:
+        rows, is_lost = rows_T.copy(), drawn_bursts(part, run, source).is_struck
+        for inside in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(is_lost)) + 1):
+            if is_lost[inside[0]] and inside[0] > 0 and inside[-1] < len(rows) - 1:
                 rows[inside] = _on_line(rows_T, inside)
         return rows
 
