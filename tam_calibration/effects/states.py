@@ -1,23 +1,15 @@
-"""States in time: a bias, response or gain that changes at some times, once or again and again.
+"""States in time: a bias, response or gain that changes at some times, once or again and again."""
 
-A jump of the bias may be so large that no calibration fits without it. Such a gross jump is searched before any
-calibration: two fits, one to the samples between two cuts and one to the others, or one fit with an offset between
-them, leave a quarter of the residual of one fit to all.
-"""
-
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from tam_calibration.effects.effect import Coefficient, Covariates, LinearEffect, Shape, Term, WhitenedResiduals
-from tam_calibration.effects.grades import LEAST_SAMPLES, MINOR, NOTABLE
+from tam_calibration.effects.grades import MINOR
 from tam_calibration.effects.recursions import relays
 from tam_calibration.effects.term import axis_terms, course_terms, sensor_terms, turned
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect
-from tam_calibration.model.recording import Recording
 from tam_calibration.model.units import FloatArray
 
 WINDOW_UNITS = {f"{edge}_{number}_s": "s" for number in range(1, 301) for edge in ("on", "off")}
@@ -176,104 +168,3 @@ def _states(covariates: Covariates, shape: Shape) -> NDArray[np.bool_]:
 def _largest(sizes: FloatArray) -> FloatArray:
     """Return the largest size (N, K) of each sensor's axes."""
     return np.asarray(sizes.reshape(len(sizes), -1, 3).max(axis=2))
-
-
-_BLOCKS = 300
-"""Blocks of time between which a jump is searched first: 45 000 pairs."""
-
-Cuts = NDArray[np.intp]
-"""Pairs of cuts (C, 2): the samples from the first on and before the second are those with the jump."""
-
-
-def best_cuts(energy: Callable[[Cuts], FloatArray], count: int) -> Cuts | None:
-    """Return the two cuts of least residual energy, the second at the end for a jump that lasts; None of few samples.
-
-    Parameters
-    ----------
-    energy : callable
-        Residual energies (C,) of pairs of cuts (C, 2).
-    count : int
-        Number of samples.
-    """
-    # In the shortest recordings as well a sphere lies through several blocks.
-    bounds = np.linspace(0, count, min(_BLOCKS, count // LEAST_SAMPLES) + 1).astype(int)
-    if len(bounds) < 4:
-        return None
-    first, last = (index.ravel() for index in np.meshgrid(bounds[1:-1], bounds[1:], indexing="ij"))
-    pairs = np.column_stack([first, last])[first < last]
-    best: Cuts = pairs[np.argmin(energy(pairs))]
-    reach = int(bounds[1])
-    for end in (0, 1, 0, 1):
-        if best[end] == count:
-            continue
-        moved = best[end] + np.arange(-reach, reach + 1)
-        tried = np.where(np.arange(2) == end, moved[:, None], best)
-        inside = (tried[:, 0] > 0) & (tried[:, 0] < tried[:, 1]) & (tried[:, 1] <= count)
-        best = tried[inside][np.argmin(energy(tried[inside]))]
-    return best
-
-
-def shape_of(time_s: FloatArray, cuts: Cuts) -> Shape:
-    """Return the times of a jump at two cuts (2,) of samples at some times (N,)."""
-    inner = cuts[cuts < len(time_s)]
-    return dict(zip(BiasJump.shape_units, ((time_s[inner] + time_s[inner - 1]) / 2).tolist(), strict=False))
-
-
-def gross_bias_jump(recording: Recording) -> FittedEffect | None:
-    """Return the bias jump, once or on and off, that explains most of a gross residual; None where none does.
-
-    Parameters
-    ----------
-    recording : Recording
-        In a field of constant intensity, turned about several axes before and after the jump.
-    """
-    # Sums of 200 bytes are kept of each reading: a longer recording is thinned.
-    thinning = recording.sample_count * recording.sensor_count // 500_000 + 1
-    recording = recording.take(slice(None, None, thinning))
-    sums = _Sums(recording)
-    best = best_cuts(lambda cuts: sums.two_spheres(cuts)[1], recording.sample_count)
-    if best is None:
-        return None
-    (_, jump), (one, two) = sums.two_spheres(np.array([[0, recording.sample_count], best]))
-    if NOTABLE * one < two or norm(jump, axis=1).max() < MINOR:
-        return None
-    contributions = tuple(
-        Contribution(sensor, axis, "offset", {"offset": float(jump[sensor, axis] * sums.unit_T[sensor])})
-        for sensor in range(recording.sensor_count)
-        for axis in range(3)
-    )
-    return FittedEffect(BiasJump.name, shape_of(recording.time_s, best), contributions)
-
-
-class _Sums:
-    """Sums over the samples before each, for each sensor: of [y, 1, |y|²] times itself, readings in units of the field.
-
-    ``total`` is (N + 1, K, 5, 5), ``unit_T`` (K,).
-    """
-
-    def __init__(self, recording: Recording) -> None:
-        self.unit_T = np.median(norm(recording.readings_T, axis=2), axis=0)
-        # The fourth powers of readings a thousand times the field would swamp the sums.
-        reading = np.clip(recording.readings_T / self.unit_T[:, None], -1e3, 1e3)
-        size = np.sum(reading**2, axis=2, keepdims=True)
-        own = np.concatenate([reading, np.ones_like(size), size], axis=2)
-        self.total = np.zeros((recording.sample_count + 1, recording.sensor_count, 5, 5))
-        np.cumsum(own[..., :, None] * own[..., None, :], axis=0, out=self.total[1:])
-
-    def two_spheres(self, cuts: Cuts) -> tuple[FloatArray, FloatArray]:
-        """Return the offset (C, K, 3) of a sphere between two cuts (C, 2) from one outside, and their residual energy.
-
-        The offset is in units of the field; the energies (C,) are of both spheres together.
-        """
-        between = self.total[cuts[:, 1]] - self.total[cuts[:, 0]]
-        (inside, energy), (outside, further_energy) = self._fit(between), self._fit(self.total[-1] - between)
-        return (inside - outside)[..., :3] / 2, np.sum(energy + further_energy, axis=1)
-
-    def _fit(self, sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return coefficients (..., 4) and residual energy (...) of spheres fitted to samples with sums (..., 5, 5)."""
-        # As large as the rounding of differences of all sums.
-        ridge = 1e-12 * (1 + np.trace(self.total[-1, ..., :4, :4], axis1=-2, axis2=-1))
-        information = sums[..., :4, :4] + ridge[:, None, None] * np.eye(4)
-        score = sums[..., :4, 4]
-        step = np.linalg.solve(information, score[..., None])[..., 0]
-        return step, sums[..., 4, 4] - np.sum(score * step, axis=-1)

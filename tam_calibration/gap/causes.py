@@ -13,6 +13,7 @@ from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.grades import MINOR, MOST, NEARLY_ALL, NEGLIGIBLE, SLIGHT
 from tam_calibration.effects.library import effect_named, units_of
 from tam_calibration.effects.noise_excess import LARGEST_NOISE
+from tam_calibration.effects.term import rows_of
 from tam_calibration.gap.hypothesis import Hypothesis, Place, sensors_of
 from tam_calibration.gap.joint import Joint
 from tam_calibration.gap.laws.law import Place as LawPlace
@@ -125,14 +126,21 @@ def _indistinguishable(step: Step, found: Search) -> tuple[str, ...]:
 
 
 def _places(fitted: FittedEffect, covariates: Covariates) -> list[Place]:
-    """Return the places of a fitted effect without sensors whose signal is only carried over by the common field."""
-    effect = effect_named(fitted.effect)
-    places = list(dict.fromkeys((one.sensor, one.axis) for one in fitted.contributions))
-    if not isinstance(effect, LinearEffect) or len(sensors_of(places)) < 2:
-        return places
-    rows = np.sqrt(np.mean(effect.signal(covariates, fitted)[:, :-1] ** 2, axis=0))
-    size = np.sqrt(np.mean(rows.reshape(-1, 3) ** 2, axis=1))
-    return [place for place in places if place[0] < 0 or size[place[0]] > MINOR * size.max()]
+    """Return the places of a fitted effect in which it is more than an error of its fit.
+
+    The common field carries what is in one sensor over to others, and a large signal leaves a little in any row.
+    """
+    effect, parts = effect_named(fitted.effect), fitted.contributions
+    if isinstance(effect, LinearEffect):
+        rows = np.sqrt(np.mean(effect.signal(covariates, fitted) ** 2, axis=0))
+        sensors = np.sqrt(np.mean(rows[:-1].reshape(-1, 3) ** 2, axis=1))
+        parts = tuple(
+            one
+            for one in parts
+            if rows[rows_of(one, covariates)].max() > NEGLIGIBLE * rows.max()
+            and (one.sensor < 0 or sensors[one.sensor] > MINOR * sensors.max())
+        )
+    return list(dict.fromkeys((one.sensor, one.axis) for one in parts))
 
 
 def considered(found: Search, causes: tuple[Cause, ...]) -> tuple[Considered, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from tam_calibration.effects.effect import Finding, LinearEffect
 from tam_calibration.effects.states import Times
 from tam_calibration.effects.term import Key, Term, chosen
-from tam_calibration.gap.regression import Base, Choice, Selection, columns_of, evidence, twice_log_likelihood_ratio
+from tam_calibration.gap.regression import Base, Choice, Selection, columns_of, twice_log_likelihood_ratio
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect, Shape
 from tam_calibration.model.units import FloatArray
@@ -34,8 +34,6 @@ class Hypothesis:
         Its evidence.
     tried : tuple of Shape
         The shapes among which this was the best.
-    values : (P,) array, optional
-        Coefficients to start from, where the fit does not find them from zero.
     """
 
     effect: LinearEffect
@@ -43,7 +41,6 @@ class Hypothesis:
     terms: tuple[Term, ...]
     selection: Selection
     tried: tuple[Shape, ...] = ()
-    values: FloatArray | None = None
 
     @property
     def keys(self) -> tuple[Key, ...]:
@@ -102,26 +99,6 @@ def best_form(
     searched = [name for name in shape if effect.has_exact_shapes or len({one.get(name) for one in shapes}) > 1]
     price = len(searched) * float(np.log(base.channels.count))
     return replace(form, selection=replace(selection, delta_bic=selection.delta_bic - price))
-
-
-def given_form(base: Base, effect: LinearEffect, fitted: FittedEffect) -> Hypothesis:
-    """Return an effect with known shape and coefficients as a form.
-
-    Parameters
-    ----------
-    base : Base
-        Null model, at which the evidence is computed.
-    effect : LinearEffect
-        Of the same name as the fitted one.
-    fitted : FittedEffect
-        Shape and coefficients, SI; coefficients without a value are zero.
-    """
-    wanted = {(one.sensor, one.axis, one.term): one for one in fitted.contributions}
-    terms = [term for term in base.channels.terms(effect, fitted.shape) if term.key in wanted]
-    values = [wanted[term.key].values.get(part.name, 0.0) for term in terms for part in term.coefficients]
-    gain, rank = base.project(base.channels.design(terms)).gain()
-    selection = Selection(tuple(range(len(terms))), gain, rank, evidence(base.energy, gain, base.channels.count, rank))
-    return Hypothesis(effect, fitted.shape, tuple(terms), selection, (), np.array(values))
 
 
 def _choices(base: Base, effect: LinearEffect, shape: Shape, sensors: frozenset[int]) -> Iterator[Choice]:
@@ -210,9 +187,9 @@ class Part:
 
     @classmethod
     def of(cls, form: Hypothesis) -> "Part":
-        """Accept a hypothesis, with values to start from where it has them."""
+        """Accept a hypothesis, with values of zero to start from."""
         width = sum(len(term.coefficients) for term in form.terms)
-        return cls(form.effect, form.shape, form.keys, np.zeros(width) if form.values is None else form.values)
+        return cls(form.effect, form.shape, form.keys, np.zeros(width))
 
     @classmethod
     def at(cls, base: Base, form: Hypothesis) -> "Part":

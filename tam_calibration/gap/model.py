@@ -18,7 +18,6 @@ from tam_calibration.correction.calibration import without_rows
 from tam_calibration.effects.effect import Finding
 from tam_calibration.effects.grades import NEGLIGIBLE, NOTABLE
 from tam_calibration.effects.removal import added_to, attitude_known, filled, linear_effect, require_channels
-from tam_calibration.effects.states import gross_bias_jump
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import Hypothesis, Part
@@ -72,8 +71,6 @@ class Model:
         Accepted effects that add to the rows.
     findings : tuple of Finding
         Accepted effects that were found otherwise.
-    gross : FittedEffect, optional
-        A jump that was found before any calibration and is not part of the errors.
     stride : int
         The fit takes every stride-th sample.
     """
@@ -86,14 +83,13 @@ class Model:
     is_oriented: NDArray[np.bool_] | None = None
     parts: tuple[Part, ...] = ()
     findings: tuple[Finding, ...] = ()
-    gross: FittedEffect | None = None
     stride: int = 1
 
     @classmethod
     def nominal(cls, recording: Recording, array: Array) -> "Model":
         """Fit the calibration alone, or without disturbances so large that the fit fails with them.
 
-        Those are a few outliers, a bias that follows a recorded channel, or a jump.
+        Those are a few outliers, a bias that follows a recorded channel, or what changes in a part of the recording.
 
         Parameters
         ----------
@@ -104,8 +100,6 @@ class Model:
 
         Raises
         ------
-        InputError
-            When a sensor is a mirror image of the others.
         Refused
             When no calibration within the bounds of sensors fits the readings, or a part of them.
         """
@@ -131,9 +125,9 @@ class Model:
             plain = plain._with_floor(array)
             if not plain._is_gross():
                 return plain
-        beside = start._beside(plain)
-        if beside is not None:
-            return replace(beside._with_floor(array), recording=recording)
+        following = start._following(plain)
+        if following is not None:
+            return replace(following._with_floor(array), recording=recording)
         return start._of_part(array, plain)
 
     def aligned(self) -> "Model":
@@ -155,17 +149,10 @@ class Model:
         attitude = aligned(recording.attitude, self.errors.restore(recording.readings_T).mean(axis=1))
         return replace(self, recording=replace(recording, attitude=attitude))
 
-    def _beside(self, plain: "Model | None") -> "Model | None":
-        """Return the fit to the readings without a jump, or without biases that follow the channels.
-
-        The one with which more samples agree; None without a jump where the plain fit is as good.
-        """
-        jump, rest = gross_bias_jump(self.recording), without_channels(self.recording)
-        jumping = None if jump is None else self._within_bounds(_without_jump(self.recording, jump, self.array))
+    def _following(self, plain: "Model | None") -> "Model | None":
+        """Return the fit to the readings without biases that follow the channels, if more samples agree with it."""
+        rest = without_channels(self.recording)
         following = None if rest is None else self._within_bounds(rest)
-        if jump is not None and jumping is not None:
-            # Of equal fits the channel is preferred: it needs no time of its own.
-            return _most_agreeing(following, replace(jumping, gross=_mostly(jump)))
         return following if _most_agreeing(plain, following) is following else None
 
     def _of_part(self, stated: Array, plain: "Model | None") -> "Model":
@@ -231,7 +218,7 @@ class Model:
 
         None where it is not, or where no part agrees with more samples.
         """
-        if self.gross is not None or self.world is not None or not self._is_gross():
+        if self.world is not None or not self._is_gross():
             return None
         best = _most_agreeing(self, self._first(_of_better_half), self._of_steady())
         return None if best is None or best is self else replace(self, errors=best.errors, intensity_T=best.intensity_T)
@@ -262,17 +249,14 @@ class Model:
     def _in_world(
         cls, recording: Recording, array: Array, is_oriented: NDArray[np.bool_], stride: int
     ) -> "Model | None":
-        """Fit one sensor in the field of the world, to the recording without any gross jump.
+        """Fit one sensor in the field of the world.
 
         None where the intensity of the field alone determines its bias much better.
         """
         noisy, _ = complete_noise(array, recording)
         try:
-            errors, world, jump = oriented(recording.take(is_oriented))
-            clean = recording if jump is None else _without_jump(recording, jump, noisy)
-            model = cls(
-                clean, noisy, errors, world.intensity_T, world, is_oriented, gross=jump, stride=stride
-            ).settled()
+            errors, world = oriented(recording.take(is_oriented))
+            model = cls(recording, noisy, errors, world.intensity_T, world, is_oriented, stride=stride).settled()
             by_length = replace(model, world=None).base()
         except (InputError, Refused, LinAlgError):
             return None
@@ -490,19 +474,6 @@ def _of_better_half(model: Model) -> Model | None:
 def _most_agreeing(*fits: Model | None) -> Model | None:
     """Return the first of the fits, each to its own recording, with which most samples agree; None where none is."""
     return max((fit for fit in fits if fit is not None), key=lambda fit: fit.agrees.sum(), default=None)
-
-
-def _without_jump(recording: Recording, jump: FittedEffect, array: KnownNoiseArray) -> Recording:
-    """Return the recording without a jump of the biases, which no errors of the sensors change."""
-    none = SensorErrors.none(recording.sensor_count)
-    return without_rows(recording, added_to(recording, [jump], none, array))
-
-
-def _mostly(jump: FittedEffect) -> FittedEffect:
-    """Return a jump without the axes in which it is negligible."""
-    largest = max(abs(value) for one in jump.contributions for value in one.values.values())
-    moved = (one for one in jump.contributions if max(map(abs, one.values.values())) > NEGLIGIBLE * largest)
-    return replace(jump, contributions=tuple(moved))
 
 
 def attitude_variance(channels: WhitenedChannels, world: World) -> FloatArray:

@@ -5,9 +5,8 @@ its three axes read y = D Λ Rᵀ h + o, with h the field of the world, Rᵀ the
 attitude, Λ the rotation from that to the sensor's own frame, and D and o the sensor's errors: three channels with no
 other noise than the sensor's and the attitude's. The scale of D and the length of h are not separable: det D = 1.
 
-The readings are linear in the offset and, for each axis, in nine products of the elements of M = D Λ and h. Linear
-least squares therefore gives the residual for a jump at every time, or for a pair of jumps, on and off. The products of
-all axes form the matrix vec(M) hᵀ of rank one, from which M and h follow; Gauss-Newton refines them.
+The readings are linear in the offset and, for each axis, in nine products of the elements of M = D Λ and h. The
+products of all axes form the matrix vec(M) hᵀ of rank one, from which M and h follow; Gauss-Newton refines them.
 """
 
 from collections.abc import Sequence
@@ -19,12 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.covariates import Covariates
-from tam_calibration.effects.grades import NOTABLE
-from tam_calibration.effects.states import BiasJump, Cuts, best_cuts, is_on, shape_of
 from tam_calibration.effects.term import Term
 from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.fitted_effect import Contribution, FittedEffect, Shape
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
@@ -268,8 +264,8 @@ _OPEN = 1e-6
 """Relative singular value below which the recorded attitudes do not determine a combination of the products."""
 
 
-def oriented(recording: Recording) -> tuple[SensorErrors, World, FittedEffect | None]:
-    """Return initial values of the fit in the field of the world: errors and world without a gross jump, and that jump.
+def oriented(recording: Recording) -> tuple[SensorErrors, World]:
+    """Return initial values of the fit in the field of the world: errors and world.
 
     Parameters
     ----------
@@ -282,18 +278,11 @@ def oriented(recording: Recording) -> tuple[SensorErrors, World, FittedEffect | 
         When no fit is one of a sensor.
     """
     assert recording.attitude is not None
-    readings = recording.readings_T[:, 0]
-    turned, products = turns(recording.attitude), products_of(recording.attitude)
-    shape = _gross_jump(recording.time_s, readings, products)
-    step = np.empty((len(turned), 0)) if shape is None else is_on(recording.time_s, shape)[:, None].astype(float)
-    values = np.linalg.lstsq(np.column_stack([products, step]), readings, rcond=_OPEN)[0]
-    fits = [_linear_fit(matrix, turned, step, readings) for matrix in (_factor(values[:9]), np.eye(3))]
-    _, matrix, field_T, offsets = min(fits, key=lambda one: one[0])
-    errors, world = World.of(matrix[None], offsets[:1], field_T, np.eye(3))
-    if shape is None:
-        return errors, world, None
-    jump = tuple(Contribution(0, axis, "offset", {"offset": value}) for axis, value in enumerate(offsets[1].tolist()))
-    return errors, world, FittedEffect(BiasJump.name, shape, jump)
+    readings, turned = recording.readings_T[:, 0], turns(recording.attitude)
+    values = np.linalg.lstsq(products_of(recording.attitude), readings, rcond=_OPEN)[0]
+    fits = [_linear_fit(matrix, turned, readings) for matrix in (_factor(values[:9]), np.eye(3))]
+    _, matrix, field_T, offset_T = min(fits, key=lambda one: one[0])
+    return World.of(matrix[None], offset_T[None], field_T, np.eye(3))
 
 
 def products_of(attitude: FloatArray) -> FloatArray:
@@ -303,34 +292,13 @@ def products_of(attitude: FloatArray) -> FloatArray:
 
 
 def _linear_fit(
-    matrix: FloatArray, turned: FloatArray, step: FloatArray, readings: FloatArray
+    matrix: FloatArray, turned: FloatArray, readings: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-    """Return the residual energy, T², of a given matrix, itself, and field and offsets (before a jump, its size)."""
-    constant = np.column_stack([np.ones(len(step)), step])
-    offsets = np.einsum("np,ij->nipj", constant, np.eye(3)).reshape(3 * len(step), -1)
-    design = np.column_stack([(matrix @ turned).reshape(-1, 3), offsets])
+    """Return the residual energy, T², of a given matrix, itself, and field and offset."""
+    design = np.column_stack([(matrix @ turned).reshape(-1, 3), np.tile(np.eye(3), (len(turned), 1))])
     values = np.linalg.lstsq(design, readings.ravel(), rcond=_OPEN)[0]
     energy = float(np.sum((readings.ravel() - design @ values) ** 2))
-    return energy, matrix, values[:3], values[3:].reshape(-1, 3)
-
-
-def _gross_jump(time_s: FloatArray, readings: FloatArray, products: FloatArray) -> Shape | None:
-    """Return the times of a jump, or of one on and off, so large that no calibration fits without it; else None."""
-    left, singular, _ = np.linalg.svd(products, full_matrices=False)
-    basis = left[:, singular > _OPEN * singular[0]]
-    residual = readings - basis @ (basis.T @ readings)
-    energy, sums = float(np.sum(residual**2)), np.zeros((len(time_s) + 1, 3 + basis.shape[1]))
-    np.cumsum(np.column_stack([residual, basis]), axis=0, out=sums[1:])
-
-    def energies(cuts: Cuts) -> FloatArray:
-        between = sums[cuts[:, 1]] - sums[cuts[:, 0]]
-        free = np.diff(cuts, axis=1)[:, 0] - np.sum(between[:, 3:] ** 2, axis=1)
-        return np.asarray(energy - np.sum(between[:, :3] ** 2, axis=1) / np.maximum(free, _OPEN * len(time_s)))
-
-    best = best_cuts(energies, len(time_s))
-    if best is None or NOTABLE * energy < float(energies(best[None])[0]):
-        return None
-    return shape_of(time_s, best)
+    return energy, matrix, values[:3], values[3:]
 
 
 def _factor(products: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.effects.states import Times
 from tam_calibration.gap.causes import sensors_and_axes
 from tam_calibration.gap.floor import repeated
-from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, given_form, places_of, sensors_of
+from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, places_of, sensors_of
 from tam_calibration.gap.laws.decisions import LEAST_SHARE
 from tam_calibration.gap.laws.find import repeats
 from tam_calibration.gap.laws.law import ATTITUDE, FREE, SCALAR, Place, Signature, acts_at, makes, may_make, usual_law
@@ -27,7 +27,7 @@ from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regression import Base
 from tam_calibration.gap.result import Considered
-from tam_calibration.gap.size import Evidence, evidence_of, examine, sharpened, unusable
+from tam_calibration.gap.size import Evidence, examine, sharpened, unusable
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_new, special_case
 from tam_calibration.model.array import Array
 from tam_calibration.model.fitted_effect import ALL
@@ -55,7 +55,7 @@ class Offers:
     """
 
     def __init__(self, nominal: Model, without: Collection[str], tell: Callable[[str, float], None]) -> None:
-        self._gross, self._tell = nominal.gross, tell
+        self._tell = tell
         channels = nominal.base().channels
         every = installed_effects()
         effects = {name: effect for name, effect in every.items() if name not in without}
@@ -134,11 +134,7 @@ class Offers:
         for number, name in enumerate(names):
             self._tell(name, (len(steps) + number / len(names)) / (MOST_CAUSES + 1))
             effect = self._effects[name]
-            if not steps and self._gross is not None and self._gross.effect == name:
-                assert isinstance(effect, LinearEffect)
-                evidence: Evidence | str = evidence_of(base, given_form(base, effect, self._gross))
-            else:
-                evidence = examine(base, effect, sensors_for(effect, law, base), times)
+            evidence = examine(base, effect, sensors_for(effect, law, base), times)
             if isinstance(evidence, str):
                 self._reasons.setdefault(name, Considered(name, "not_supported", evidence))
                 continue

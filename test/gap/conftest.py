@@ -7,6 +7,8 @@ import pytest
 from numpy.linalg import inv, norm
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.effects.term import chosen
+from tam_calibration.gap.hypothesis import Part
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.regressors import World
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -82,6 +84,20 @@ def make_run(samples=600, sensors=4, has_scalar=True, seed=1, sheet=1.0, noise_T
 def run():
     """Return the maker of runs."""
     return make_run
+
+
+def accept_terms(model, effect, fitted):
+    """Return a model with one more effect, in the shape and the terms of a fitted one."""
+    keys = tuple((one.sensor, one.axis, one.term) for one in fitted.contributions)
+    terms = chosen(effect.terms(model.channels().covariates, fitted.shape), keys)
+    part = Part(effect, fitted.shape, keys, np.zeros(sum(len(term.coefficients) for term in terms)))
+    return replace(model, parts=(*model.parts, part)).settled()
+
+
+@pytest.fixture(scope="session")
+def accepted():
+    """Return what accepts an effect."""
+    return accept_terms
 
 
 @dataclass(frozen=True, eq=False)

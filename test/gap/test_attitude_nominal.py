@@ -1,4 +1,4 @@
-"""The fit of one sensor in the field of the world finds jumps of any size, and gives way where lengths tell more."""
+"""The fit of one sensor in the field of the world bears jumps of any size, and gives way where lengths tell more."""
 
 from dataclasses import replace
 
@@ -7,10 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from tam_calibration.gap.diagnose import judge
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.regressors import oriented
 from tam_calibration.gap.size import measure
-from tam_calibration.model.fitted_effect import FittedEffect
 
 MAGNET_T = np.array([-3e-6, -0.3e-6, 27e-6])
 
@@ -22,39 +21,28 @@ def magnet(made, start, stop, size=1.0):
     return made.with_added(added)
 
 
-def offsets_of(jump: FittedEffect):
-    """Return the offsets (3,) of a jump."""
-    return np.array([one.values["offset"] for one in jump.contributions])
-
-
 @pytest.mark.parametrize("stop", [600, 900])
-def test_a_magnet_is_found_to_the_sample_and_the_fit_does_without_it(lone, stop):
+def test_a_magnet_is_found_to_the_sample(lone, stop):
     """For good, or on and off, whatever the mount of the attitude: times, offsets and calibration are the truth."""
     made = lone()
-    model = Model.nominal(magnet(made, 300, stop).recording, made.array)
+    judged = judge(magnet(made, 300, stop).recording, made.array)
     step = np.diff(made.recording.time_s)[0]
     times = [made.recording.time_s[cut] - step / 2 for cut in (300, stop) if cut < 900]
-    assert_allclose(list(model.gross.shape.values()), times, atol=1e-9)
-    assert_allclose(offsets_of(model.gross), MAGNET_T, atol=2e-9)
+    (cause,) = judged.gap.causes
+    assert cause.fitted.effect == "bias_jump"
+    assert_allclose(list(cause.fitted.shape.values()), times, atol=1e-9)
+    assert_allclose([one.values["offset"] for one in cause.fitted.contributions], MAGNET_T, atol=2e-9)
+    model = judged.found.model
     assert_allclose(model.errors.matrix, made.errors.matrix, atol=1e-4)
     assert_allclose(model.errors.bias_T, made.errors.bias_T, atol=2e-9)
     assert_allclose(model.world.field_T, made.world.field_T, atol=5e-9)
     assert_allclose(model.world.mount, made.world.mount, atol=1e-4)
 
 
-@pytest.mark.parametrize(("size", "is_gross"), [(1.0, True), (0.7, False)])
-def test_only_what_is_four_times_the_rest_is_gross(lone, size, is_gross):
-    """A jump with three times the squares of all else is taken off before the fit, one with half of that is not."""
-    made = lone(noise_T=3.6e-6)
-    _, _, jump = oriented(magnet(made, 300, 600, size).recording)
-    assert (jump is not None) == is_gross
-
-
-def test_noise_alone_has_no_jump(lone):
-    """The fit is as good as the noise, its jumps none."""
+def test_noise_alone_is_fitted_to_the_noise(lone):
+    """The fit is as good as the noise."""
     made = lone()
     model = Model.nominal(made.recording, made.array)
-    assert model.gross is None
     assert model.base().channels.energy == pytest.approx(2700, rel=0.1)
 
 

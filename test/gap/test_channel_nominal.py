@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from tam_calibration.gap.diagnose import judge
 from tam_calibration.gap.model import Model
 from tam_calibration.gap.nominal import without_channels
 
@@ -101,6 +102,6 @@ def test_a_jump_beside_a_channel_that_rises_with_it_is_a_jump(run):
     temperature = 25 + 5 * np.tanh((made.recording.time_s - 30) / 13)
     recording = replace(made.with_added(added).recording, current_A=None, temperature_C=temperature)
     assert without_channels(recording) is not None
-    model = Model.nominal(recording, made.array)
-    assert model.gross is not None
-    assert_allclose(model.errors.bias_T, made.errors.bias_T, atol=0.1e-6)
+    judged = judge(recording, made.array)
+    assert judged.gap.named == ("bias_jump",)
+    assert_allclose(judged.found.model.errors.bias_T, made.errors.bias_T, atol=0.1e-6)

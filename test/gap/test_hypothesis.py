@@ -7,9 +7,9 @@ from scipy.integrate import solve_ivp
 from tam_calibration.effects.courses import Flexure, GeomagneticDrift, TemperatureDrift
 from tam_calibration.effects.curves import Nonlinearity
 from tam_calibration.effects.states import BiasJump
-from tam_calibration.gap.hypothesis import Hypothesis, best_form, given_form, places_of, refined
+from tam_calibration.gap.hypothesis import Hypothesis, best_form, places_of, refined
 from tam_calibration.gap.regression import Selection
-from tam_calibration.model.fitted_effect import SCALAR, Contribution, FittedEffect
+from tam_calibration.model.fitted_effect import SCALAR
 
 TIME_CONSTANT_S = 3.3
 
@@ -60,19 +60,6 @@ def test_a_shape_without_choice_stays(base):
     """What was tried in one shape only is not refined."""
     form = best_form(base, Nonlinearity())
     assert refined(base, form).shape == form.shape
-
-
-def test_a_given_form_has_the_gain_of_least_squares(base, dense, drifting):
-    """Terms, shape and coefficients are those given; its evidence is that of these terms."""
-    shape = {"time_constant_s": TIME_CONSTANT_S, "reference_C": 20.0}
-    fitted = FittedEffect("temperature_drift", shape, (Contribution(1, 0, "offset", {"offset": 4e-9}),))
-    form = given_form(base, TemperatureDrift(), fitted)
-    assert places_of(form) == [(1, 0)] and form.values.tolist() == [4e-9] and form.shape == shape
-    assert form.selection.rank == 1
-    channels = drifting.channels()
-    truth = dense(drifting)
-    gain = truth.left(channels.calibration) - truth.left(channels.calibration, channels.design(form.terms))
-    assert form.selection.gain == pytest.approx(gain, rel=1e-3)
 
 
 def test_without_a_scalar_no_effect_stands_in_it(run):

@@ -11,7 +11,6 @@ from tam_calibration.effects.courses import TemperatureDrift
 from tam_calibration.effects.effect import Finding
 from tam_calibration.gap import model as module
 from tam_calibration.gap.diagnose import judge
-from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.model import Model
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
 from tam_calibration.model.sensor_errors import SensorErrors
@@ -32,10 +31,9 @@ def drifting(run):
 
 
 @pytest.fixture(scope="module")
-def fitted(drifting):
+def fitted(drifting, accepted):
     """Return its model with the drift."""
-    nominal = Model.nominal(drifting.recording, drifting.array)
-    return nominal.accept(given_form(nominal.base(), TemperatureDrift(), DRIFT))
+    return accepted(Model.nominal(drifting.recording, drifting.array), TemperatureDrift(), DRIFT)
 
 
 def whitened(run, errors, slope):
@@ -102,22 +100,19 @@ def test_a_gross_jump_is_fitted(run):
     """A sensor whose bias jumps by 60 µT, more than the field, in the middle of the run; no other row is named."""
     made = run(450)
     step = np.where(made.recording.time_s > 27.0, 60e-6, 0.0)
-    judged = judge(made.with_row(3, step).recording, made.array)
-    nominal = judged.found.nominal
-    assert nominal.gross is not None and nominal.gross.effect == "bias_jump"
-    assert nominal.gross.shape["time_s"] == pytest.approx(27.0, abs=0.1)
-    (cause,) = judged.gap.causes
+    (cause,) = judge(made.with_row(3, step).recording, made.array).gap.causes
+    assert cause.fitted.shape["time_s"] == pytest.approx(27.0, abs=0.1)
     values = {(one.sensor, one.axis): one.values["offset"] for one in cause.fitted.contributions}
     assert cause.fitted.effect == "bias_jump" and values.pop((1, 0)) == pytest.approx(60e-6, abs=1e-9)
     assert_allclose(list(values.values()), 0, atol=1e-9)
     assert (cause.sensors, cause.axes) == ((2,), ("x",))
 
 
-def test_a_clean_run_has_no_gross_jump(run):
+def test_a_clean_run_is_fitted_to_the_noise(run):
     """The nominal model of noise is noise, in the frame of the first sensor."""
     made = run(400)
     model = Model.nominal(made.recording, made.array)
-    assert model.gross is None and model.parts == () and model.is_counted.all()
+    assert model.parts == () and model.is_counted.all()
     assert model.base().energy / model.base().channels.count == pytest.approx(1, abs=0.08)
     assert_allclose(model.errors.to_vector()[0, 9:], 0, atol=1e-12)
     assert_allclose(model.errors.bias_T, made.errors.bias_T, atol=3e-9)
@@ -191,16 +186,3 @@ def test_a_step_that_promises_a_part_of_a_channel_is_taken(run, fall, has_settle
     """Less is far below any evidence."""
     model = pushed(run(300, 2).model(), fall)
     assert (model.settled() is model) == has_settled
-
-
-@pytest.mark.parametrize(("part", "axes"), [(0.007, {(1, 0)}), (0.014, {(1, 0), (1, 1)})])
-def test_an_axis_jumps_from_a_hundredth_of_another_on(run, monkeypatch, part, axes):
-    """Less is the error of a sphere's centre."""
-    made = run(300)
-    is_after = made.recording.time_s > 27
-    parts = tuple(Contribution(1, axis, "offset", {"offset": 60e-6 * size}) for axis, size in enumerate((1, part)))
-    jump = FittedEffect("bias_jump", {"time_s": 27.0}, parts)
-    monkeypatch.setattr(module, "gross_bias_jump", lambda recording: jump)
-    jumped = made.with_row(3, 60e-6 * is_after).with_row(4, part * 60e-6 * is_after)
-    nominal = Model.nominal(jumped.recording, jumped.array)
-    assert {(one.sensor, one.axis) for one in nominal.gross.contributions} == axes

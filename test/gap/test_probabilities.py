@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from tam_calibration.effects.courses import TemperatureDrift
 from tam_calibration.effects.curves import Nonlinearity
 from tam_calibration.gap.causes import energies_of, features_of, probabilities, right, set_of, shares_of
-from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.size import Evidence
 from tam_calibration.gap.steps import Step
 from tam_calibration.model.fitted_effect import Contribution, FittedEffect
@@ -80,18 +79,18 @@ EFFECTS = (
 )
 
 
-def fitted(made, effects):
+def fitted(made, effects, accepted):
     """Return the model with effects accepted one after another."""
     model = made.model()
     for effect, one in effects:
-        model = model.accept(given_form(model.base(), effect, one))
+        model = accepted(model, effect, one)
     return model
 
 
 @pytest.fixture(scope="module")
-def model(disturbed):
+def model(disturbed, accepted):
     """Return the model with all three."""
-    return fitted(disturbed, EFFECTS)
+    return fitted(disturbed, EFFECTS, accepted)
 
 
 def test_shares_add_up_to_one_in_any_order(model):
@@ -118,21 +117,21 @@ def test_shares_are_the_means_over_all_orders(model, dense, disturbed):
     assert_allclose(shares_of(model), added / added.sum(), rtol=1e-3)
 
 
-def test_the_same_effect_twice_shares_evenly(run):
+def test_the_same_effect_twice_shares_evenly(run, accepted):
     """Two parts that say the same have half each."""
     made = run(300)
     made = made.with_row(4, 4e-9 * (made.recording.temperature_C - 20))
-    model = fitted(made, EFFECTS[:1])
+    model = fitted(made, EFFECTS[:1], accepted)
     assert_allclose(shares_of(replace(model, parts=model.parts * 2)), [0.5, 0.5], rtol=1e-6)
 
 
-def test_effects_without_overlap_have_their_own_energy(run):
+def test_effects_without_overlap_have_their_own_energy(run, accepted):
     """Drifts of two sensors at times of their own, turned so that neither sees the other: each has what it explains."""
     made = run(400)
     change = made.recording.temperature_C - 20
     made = made.with_row(4, 6e-9 * change).with_row(11, 3e-9 * change)
     effects = [given(TemperatureDrift(), DRIFT, row, "offset") for row in (4, 11)]
-    model = fitted(made, effects)
+    model = fitted(made, effects, accepted)
     channels = model.channels()
     base = model.base()
     alone = [base.channels.design(part.terms(channels)) for part in model.parts]

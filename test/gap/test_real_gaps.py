@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from numpy.linalg import norm
 
-from tam_calibration.effects.states import BiasJump, gross_bias_jump
+from tam_calibration.effects.states import BiasJump
 from tam_calibration.gap import diagnose
+from tam_calibration.gap.diagnose import judge
 from tam_calibration.gap.hypothesis import EVERYWHERE
 from tam_calibration.gap.joint import sandwich
 from tam_calibration.gap.laws.signature import times_of
@@ -50,20 +51,22 @@ def test_a_magnet_in_the_middle_is_a_step_on_and_a_step_off():
 
 @pytest.mark.parametrize("noise_T", [15e-9, 750e-9, None])
 @pytest.mark.parametrize(
-    ("name", "times", "size"), [("broad_33", (42.4, 98.5), (-3056e-9, -309e-9, 26890e-9)), ("broad_32", None, None)]
+    ("name", "times", "size"),
+    [
+        ("broad_33", (42.4, 98.5), (-3056e-9, -309e-9, 26890e-9)),
+        ("broad_32", (38.35, 95.27), (-6691e-9, -513e-9, 59401e-9)),
+    ],
 )
 def test_a_magnet_on_and_off_is_found_by_attitude_whatever_noise_is_stated(name, times, size, noise_T):
     """Times to a second, size to 15 % and direction to 15°, of broad_32 as the lengths of its readings tell them."""
     recording, array = read_recording(RECORDINGS / f"{name}.csv"), read_array(RECORDINGS / "broad.yaml")
     noise = None if noise_T is None else np.array([noise_T])
-    model = Model.nominal(recording, replace(array, vector_noise_T=noise))
-    if times is None:
-        by_length = gross_bias_jump(recording)
-        times = tuple(by_length.shape.values())
-        size = [one.values["offset"] for one in by_length.contributions]
-    assert model.world is not None
-    assert list(model.gross.shape.values()) == pytest.approx(times, abs=1)
-    offset = np.array([one.values["offset"] for one in model.gross.contributions])
+    judged = judge(recording, replace(array, vector_noise_T=noise))
+    assert judged.found.model.world is not None
+    jump = judged.gap.causes[0].fitted
+    assert jump.effect == "bias_jump"
+    assert list(jump.shape.values()) == pytest.approx(times, abs=1)
+    offset = np.array([one.values["offset"] for one in jump.contributions])
     assert norm(offset) == pytest.approx(norm(size), rel=0.15)
     assert offset @ size > np.cos(np.radians(15)) * norm(offset) * norm(size)
 

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from tam_calibration.effects.courses import GeomagneticDrift, TemperatureDrift
-from tam_calibration.gap.hypothesis import given_form
 from tam_calibration.gap.laws.signature import laws_of
 from tam_calibration.gap.laws.whitened import residual_of
 from tam_calibration.gap.size import (
@@ -63,11 +62,11 @@ def test_the_visible_gap_is_that_of_the_planted_effect(run, dense, slope):
     assert size.floor_T == pytest.approx(1e-9) and size.before_T == pytest.approx(size.before * 1e-9)
 
 
-def test_the_gap_closes_when_its_effect_is_added(run):
+def test_the_gap_closes_when_its_effect_is_added(run, accepted):
     """What is left is noise, and nearly all is closed."""
     made = planted(run(1200), {4: 4e-9})
     nominal = made.model()
-    model = nominal.accept(given_form(nominal.base(), TemperatureDrift(), drift(4)))
+    model = accepted(nominal, TemperatureDrift(), drift(4))
     size = measure(nominal, model, 1.0)
     assert size.before > 1 and size.after < 0.2 and size.closed > 0.97
     assert size.closed_interval[0] <= size.closed <= size.closed_interval[1] <= 1
@@ -81,14 +80,14 @@ def test_a_clean_run_has_no_size(run):
     assert max(sizes) < 0.25 and 4 <= sum(size == 0 for size in sizes) <= 16
 
 
-def test_the_interval_of_what_closes_covers(run, dense):
+def test_the_interval_of_what_closes_covers(run, dense, accepted):
     """Of two effects one is added: the interval holds the true part in nearly all of twelve runs."""
     slopes, held = {4: 4e-9, 6: 3e-9}, 0
     for seed in range(12):
         clean = run(900, seed=seed)
         made = planted(clean, slopes)
         nominal = made.model()
-        model = nominal.accept(given_form(nominal.base(), TemperatureDrift(), drift(4)))
+        model = accepted(nominal, TemperatureDrift(), drift(4))
         both, other = visible(clean, dense, slopes), model_leaves(clean, dense, slopes, model)
         low, high = measure(nominal, model, 1.0).closed_interval
         held += low <= 1 - other / both <= high
@@ -159,7 +158,7 @@ def test_no_law_explains_noise_away(run, monkeypatch, is_determined, least):
     assert noise_variance(model, (SimpleNamespace(part=1.0),)) == pytest.approx(least, rel=1e-9)
 
 
-def test_free_functions_of_time_are_tested_on_interleaved_samples(run):
+def test_free_functions_of_time_are_tested_on_interleaved_samples(run, accepted):
     """Blocks of time would tell nothing of them."""
     model = run(300).model()
     assert not is_interleaved(model)
@@ -168,7 +167,7 @@ def test_free_functions_of_time_are_tested_on_interleaved_samples(run):
     (shape,) = effect.shapes(model.base().channels.covariates, None)
     (name,) = {term.name for term in effect.terms(model.base().channels.covariates, shape)[:1]}
     fitted = FittedEffect(effect.name, shape, (replace(parts[0], term=name),))
-    assert is_interleaved(model.accept(given_form(model.base(), effect, fitted)))
+    assert is_interleaved(accepted(model, effect, fitted))
 
 
 def test_an_array_without_gradient_has_none(run):
