@@ -31,7 +31,6 @@ from tam_calibration.fit.consistency import require_one_sphere
 from tam_calibration.fit.ellipsoid import normalize, sphere_of_most
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.fit.moments import mirror_images
 from tam_calibration.gap.regressors import products_of
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
@@ -259,15 +258,9 @@ def starts(recording: Recording, array: Array) -> Iterator[tuple[SensorErrors, f
         Without outlying samples.
     array : Array
         With noise.
-
-    Raises
-    ------
-    InputError
-        When a sensor is a mirror image of the others; it has its number.
     """
     whole, *parts = _parts(recording.sample_count)
     yield from _calibrations(recording.take(whole), array)
-    _check_handedness(recording)
     yield from _mounted(recording, array.field)
     for part in parts:
         yield from _calibrations(recording.take(part), array)
@@ -283,21 +276,6 @@ def _calibrations(recording: Recording, array: Array) -> Iterator[tuple[SensorEr
         except (InputError, Refused, LinAlgError):
             continue
         yield fitted.errors, fitted.intensity_T
-
-
-def _check_handedness(recording: Recording) -> None:
-    """Check that all sensors have one handedness, where correlated in all directions."""
-    centered = recording.readings_T - recording.readings_T.mean(axis=0)
-    scatter = np.einsum("nki,nj->kij", centered, centered[:, 0])
-    determinant = np.linalg.det(scatter / norm(scatter, axis=(1, 2), keepdims=True))
-    least = canonical_correlations(recording.readings_T)[:, -1]
-    is_visible = least > significant_correlation(recording.sample_count)
-    hands = np.where(is_visible, np.sign(determinant), 0).astype(int)
-    if (hands < 0).any():
-        raise InputError(
-            f"{mirror_images(hands)}, or a disturbance is larger than the field: check the axes' order and signs, "
-            "and what is beside the sensors"
-        )
 
 
 def _mounted(recording: Recording, field: FieldBounds) -> Iterator[tuple[SensorErrors, float]]:
