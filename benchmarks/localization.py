@@ -34,7 +34,7 @@ from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.localization.euler import locate
 from tam_calibration.localization.solutions import EulerSolutions
-from tam_calibration.localization.source_fit import locate_with_baselines
+from tam_calibration.localization.turned_samples import Samples, locate_each
 from tam_calibration.model.units import FloatArray
 from tam_calibration.results.scenario import read_scenario
 from tam_calibration.simulation import simulate
@@ -73,7 +73,7 @@ def dipole_at_the_coil(generator: np.random.Generator, runs: int) -> Iterable[Fi
     case = "dipole at 2.64 m, baseline 0.21 m"
     for name, found_of, asked in (
         ("Euler, constrained", lambda outputs: locate(outputs), ANYTHING),
-        ("true baselines", lambda outputs: locate_with_baselines(outputs, ARRAY), (0.0, 0.003)),
+        ("true baselines", _with_baselines, (0.0, 0.003)),
     ):
         for figure, error in (("r", _error_of_range), ("position", _error_of_position)):
             value = _worst(found_of, error, generator, runs)
@@ -107,6 +107,11 @@ def _worst(
     return max(-float(end.fun) for end in ends)
 
 
+def _with_baselines(outputs: FloatArray) -> EulerSolutions:
+    """Return the sources of outputs whose noise is equal in all sensors, and too small to refuse any."""
+    return locate_each(Samples(outputs, ARRAY, 1e-30 * ARRAY.operator @ ARRAY.operator.T))
+
+
 def _error_of_range(found: EulerSolutions, places: FloatArray) -> FloatArray:
     return np.asarray(np.abs(found.distance_m - norm(places, axis=1)))
 
@@ -126,7 +131,7 @@ def coil(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
         source = Loop(POSITION_M, MOMENT_AM2 * axis, RADIUS_M)
         fields = in_array(source)
         outputs = fields.reshape(len(fields), -1) @ ARRAY.operator.T
-        for name, solutions in zip(found, (locate(outputs), locate_with_baselines(outputs, ARRAY)), strict=True):
+        for name, solutions in zip(found, (locate(outputs), _with_baselines(outputs)), strict=True):
             found[name].append(solutions.distance_m - RANGE_M)
     case = "coil, 12 headings"
     for name, errors in found.items():
@@ -157,7 +162,7 @@ def calibrated(generator: np.random.Generator, runs: int) -> Iterable[Figure]:
                 euler = [_square_of_distance(locate(outputs)) for outputs in pair]
                 squares.setdefault((f"{kind}, {size}", "Euler, constrained"), []).append((euler[0], euler[1]))
                 if kind == "dipole":
-                    better = [_square_of_distance(locate_with_baselines(outputs, ARRAY)) for outputs in pair]
+                    better = [_square_of_distance(_with_baselines(outputs)) for outputs in pair]
                     squares.setdefault((f"{kind}, {size}", "true baselines"), []).append((better[0], better[1]))
     for (case, method), each in squares.items():
         after, perfect = np.array(each).mean(axis=2).T

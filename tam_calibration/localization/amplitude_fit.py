@@ -162,7 +162,7 @@ def fit_amplitudes(amplitudes: Amplitudes, start: FloatArray, index: float) -> A
     for place_error_m in (0.0, PLACE_ERROR_M):
         noise = amplitudes.covariance(place_error_m, gradient)
         values, points, by_points = amplitudes.values[None], amplitudes.points_m, amplitudes.by_points
-        solution = fit_fields(values, points, by_points, noise, start[None], index).solution
+        solution = fit_fields(values, points, by_points, noise, start[None], index)
         fit = AmplitudeFit(solution, freedom, place_error_m)
         # Errors too small to show for sure widen the intervals, and one in twenty sound ones is wider than need be.
         if fit.chance > PLAUSIBLE:

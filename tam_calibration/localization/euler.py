@@ -8,13 +8,12 @@ constrained solution needs no regularisation, where the unconstrained G⁻¹ bre
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tam_calibration.core.least_squares import ROUNDING, Solution, with_slopes
-from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
+from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.model.array import UNIT_TENSORS, tensors_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
@@ -57,7 +56,7 @@ def locate(
         When a shape or the structural index is wrong, or the covariance is none.
     """
     outputs, noise = _check(outputs, covariance, index)
-    found = in_pieces(partial(_locate, index=index, constrained=constrained), outputs, noise)
+    found = _locate(outputs, noise, index, constrained)
     return found if covariance is not None else found.without_covariance()
 
 

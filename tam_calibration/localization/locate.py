@@ -1,16 +1,8 @@
 """From a recording to the source in it, at rest or alternating.
 
 The samples of a run are located each by itself, and judged whether they are those of one source at rest in a uniform
-field. Beside a line of current the regional field of a run is found from what each sample needs of it. A current's
-field falls so slowly that no part of a run is free of it: the median of the run is far off. But of the eight outputs of
-a sample a line of current takes five unknowns, and what is left depends on the regional field u, which all samples
-share in the world. With the line of each sample eliminated a step δu is that of
-
-    Σ Aᵀ (1 - J (JᵀJ)⁻¹ Jᵀ) (A δu - r) = 0,
-
-A and J the derivatives of the whitened outputs by u and by the line, r their residuals (variable projection, Kaufman
-1975). A line of dipoles leaves nothing of the two components across it: field and tensor there are as many numbers as
-its place and moment.
+field. A line of dipoles leaves nothing of the two components of the regional field across it: field and tensor there
+are as many numbers as its place and moment.
 """
 
 from dataclasses import replace
@@ -25,18 +17,9 @@ from tam_calibration.fit.maximum_a_posteriori import SETTLED
 from tam_calibration.fit.recorded_attitude import misread_attitude
 from tam_calibration.localization.alternating import locate_alternating
 from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX
-from tam_calibration.localization.euler import locate as locate_by_euler
-from tam_calibration.localization.shared_source import SharedSource, fit_shared
+from tam_calibration.localization.shared_source import SharedSource, fit_regional, fit_shared
 from tam_calibration.localization.solutions import WORLD_FRAME, EulerSolutions, Status, Survey
-from tam_calibration.localization.source_fit import (
-    SOURCES,
-    fit_outputs,
-    is_certain,
-    require_gradient,
-    require_index,
-    start_of,
-    whitening_of,
-)
+from tam_calibration.localization.source_fit import SOURCES, require_gradient, require_index
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, regional_of, turned
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_VARIANCE_T2
@@ -164,59 +147,6 @@ def locate_steady(
     return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=found.field_T)
 
 
-_NO_LINE = "the samples are not those of a line of current beside a uniform regional field"
-
-_NONE_LOCATED = f"{_NO_LINE}: none can be located. Go nearer, or average longer"
-
-
-def regional_beside_current(samples: Samples, prior: Regional) -> Regional:
-    """Return the regional field with which the samples of a run are best explained, each by a line of current.
-
-    Parameters
-    ----------
-    samples : Samples
-        With an exact attitude.
-    prior : Regional
-        What is known of the field beforehand, with variances.
-
-    Raises
-    ------
-    Refused
-        When no sample can be located, or the steps do not settle.
-    """
-    error = np.sqrt(np.maximum(np.diag(prior.covariance_T2), np.diag(samples.covariance)[:3]))
-    field_T = prior.field_T
-    for _ in range(MOST_STEPS):
-        residuals, by_field = _left(samples, field_T)
-        slopes = by_field * error
-        normal = np.einsum("nij,nik->jk", slopes, slopes) + np.eye(3)
-        away = np.einsum("nij,ni->j", slopes, residuals) + (prior.field_T - field_T) / error
-        step = np.linalg.solve(normal, away)
-        field_T = field_T + error * step
-        if step @ normal @ step < SETTLED**2:
-            return replace(prior, field_T=field_T, covariance_T2=np.linalg.inv(normal) * np.outer(error, error))
-    raise Refused(f"{_NO_LINE}: the steps to the regional field do not settle")
-
-
-def _left(samples: Samples, field_T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what lines leave of n samples (n, 8), whitened, and its derivatives (n, 8, 3) by the regional field."""
-    source, covariance = samples.outputs[:, :8].copy(), samples.covariance[:8, :8]
-    back = np.swapaxes(samples.rotation, 1, 2)
-    source[:, :3] -= back @ field_T
-    euler = locate_by_euler(source, covariance, index=CURRENT_INDEX)
-    at = np.flatnonzero(euler.is_located)
-    if not len(at):
-        raise Refused(_NONE_LOCATED)
-    start = start_of(euler, CURRENT_INDEX)
-    fit = fit_outputs(source[at], samples.array, covariance, start[at], CURRENT_INDEX)
-    is_kept = fit.solution.is_found & is_certain(fit.solution.unknowns, fit.solution.covariance)
-    if not is_kept.any():
-        raise Refused(_NONE_LOCATED)
-    by_field = whitening_of(covariance)[:, :3] @ back[at[is_kept]]
-    basis = np.linalg.qr(fit.slopes[is_kept])[0]
-    return fit.residuals[is_kept], by_field - basis @ (np.swapaxes(basis, 1, 2) @ by_field)
-
-
 _FEWEST_LOCATED = 10
 """Samples of a run: of fewer, what is left does not tell a second source that moves them by ten standard errors."""
 
@@ -258,8 +188,11 @@ def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regio
     """
     assert samples.attitude is not None
     regional, part = prior, np.zeros(0, dtype=int)
-    if samples.index == CURRENT_INDEX and prior.covariance_T2.any():
-        regional = regional_beside_current(samples, prior)
+    # A current's field falls so slowly that no part of a run is free of it: the median of the run is so far off that
+    # samples are first located as if it were exact, and each has a line of its own.
+    is_far = samples.index == CURRENT_INDEX and bool(prior.covariance_T2.any())
+    if is_far:
+        regional = replace(prior, covariance_T2=np.zeros((3, 3)))
     for number in range(MOST_STEPS):
         world = turned(locate_each(samples, regional), samples.attitude, prior.attitude_noise)
         at = np.flatnonzero(world.is_located)
@@ -268,6 +201,9 @@ def locate_run(samples: Samples, prior: Regional) -> tuple[EulerSolutions, Regio
         if number and len(at) < _FEWEST_LOCATED:  # even with the field that the first ones determine
             break
         part = _part_of(at, part)
+        if is_far and not number:
+            regional = fit_regional(samples.take(part), world.take(part), regional, prior)
+            continue
         shared = fit_shared(samples.take(part), world.take(part), regional, prior)
         is_settled, regional = _is_near(regional, shared.regional), shared.regional
         if is_settled and shared.solution.is_found[0]:

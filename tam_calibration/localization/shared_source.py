@@ -77,35 +77,46 @@ def fit_shared(samples: Samples, own: EulerSolutions, near: Regional, prior: Reg
     prior : Regional
         What is known of it beforehand.
     """
-    root = root_of(prior.covariance_T2)
-    run = _run_of(samples, own, near, root, np.linalg.pinv(root) @ (prior.field_T - near.field_T))
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
-        start = np.concatenate([run.shared, np.zeros(3)])[None]
-        solution = solve_damped(run.predict, run.target, start, run.is_small)
+    run = _run_of(samples, own, near, prior, is_one=True)
+    solution = run.solve()
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         predicted, slopes = run.predict(solution.unknowns, np.arange(1))
         places = run.places(solution.unknowns[0])
-    shared, count = len(run.shared), run.data.size
-    spread = solution.covariance[0, shared:, shared:]
-    field_T = near.field_T + root @ solution.unknowns[0, shared:]
-    regional = replace(prior, field_T=field_T, covariance_T2=root @ spread @ root.T)
+    count = run.data.size
     position_m = run.position_m(places, solution.unknowns[0], samples.rotation)
     residuals = (run.target - predicted)[0, :count].reshape(run.data.shape)
     slopes = slopes[0, :count].reshape(*run.data.shape, -1)
+    regional = run.regional(solution, near, prior)
     return SharedSource(solution, position_m, run.across, regional, residuals, slopes, 8 - places.shape[1])
+
+
+def fit_regional(samples: Samples, own: EulerSolutions, near: Regional, prior: Regional) -> Regional:
+    """Fit the regional field that N samples share beside lines, each with a line of its own.
+
+    So it is found from farther away than together with one line.
+
+    Parameters
+    ----------
+    samples, own, near, prior
+        As of ``fit_shared``, of a line.
+    """
+    run = _run_of(samples, own, near, prior, is_one=False)
+    return run.regional(run.solve(), near, prior)
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
     """A run of N samples as a problem in what they share.
 
-    ``by_field`` (N, 8, Q) are the derivatives of the whitened outputs ``data`` by the regional field's error in units
-    of its standard errors, which is expected to be ``expected`` (Q,). Of the unknowns of ``own`` the first are places
-    ``near`` (N, L) and the others ``by_shared`` (N, S, C) times what is shared, ``shared`` (C,) to begin with.
-    ``across`` are the directions in the world in which a place counts.
+    ``by_field`` (N, 8, 3) are the derivatives of the whitened outputs ``data`` by the regional field's error in units
+    of its standard errors, which is expected to be ``expected`` (3,); ``root`` (3, 3) makes tesla of it. Of the
+    unknowns of ``own`` the first are places ``near`` (N, L) and the others ``by_shared`` (N, S, C) times what is
+    shared, ``shared`` (C,) to begin with. ``across`` are the directions in the world in which a place counts.
     """
 
     data: FloatArray
     by_field: FloatArray
+    root: FloatArray
     expected: FloatArray
     own: Predict
     near: FloatArray
@@ -115,13 +126,27 @@ class _Run:
 
     @property
     def target(self) -> FloatArray:
-        """(1, 8 N + Q) whitened outputs, and what is expected of the regional field."""
+        """(1, 8 N + 3) whitened outputs, and what is expected of the regional field."""
         return np.concatenate([self.data.ravel(), self.expected])[None]
 
     def is_small(self, unknowns: FloatArray, step: FloatArray) -> np.ndarray:
-        """Return whether a step (1, P) hardly changes the source, as far as places that hardly move can tell."""
+        """Return whether a step (1, P) hardly changes source and field, as far as places that hardly move can tell."""
+        least, count = np.sqrt(SMALLEST_STEP), len(self.shared)
+        is_same_source = norm(step[0, :count]) <= least * norm(unknowns[0, :count])
+        return np.array([is_same_source and norm(step[0, count:]) <= least])
+
+    def solve(self) -> Solution:
+        """Return what is shared, and the regional field's error."""
+        start = np.concatenate([self.shared, np.zeros(3)])[None]
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
+            return solve_damped(self.predict, self.target, start, self.is_small)
+
+    def regional(self, solution: Solution, near: Regional, prior: Regional) -> Regional:
+        """Return the regional field that a solution has, instead of the one that was near or known beforehand."""
         count = len(self.shared)
-        return np.array([norm(step[0, :count]) <= np.sqrt(SMALLEST_STEP) * norm(unknowns[0, :count])])
+        field_T = near.field_T + self.root @ solution.unknowns[0, count:]
+        covariance_T2 = self.root @ solution.covariance[0, count:, count:] @ self.root.T
+        return replace(prior, field_T=field_T, covariance_T2=covariance_T2)
 
     def places(self, unknowns: FloatArray) -> FloatArray:
         """Return the places (N, L) that explain most beside what is shared (P,)."""
@@ -136,7 +161,7 @@ class _Run:
         return solve_damped(predict, data, self.near, hardly_moves).unknowns
 
     def predict(self, unknowns: FloatArray, _: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        """Return the data (1, 8 N + Q) of what is shared (1, P), and the derivatives without those by the places."""
+        """Return the data (1, 8 N + 3) of what is shared (1, P), and the derivatives without those by the places."""
         places = self.places(unknowns[0])
         shared, field = np.split(unknowns[0], [len(self.shared)])
         full = np.concatenate([places, self.by_shared @ shared], axis=1)
@@ -159,8 +184,10 @@ class _Run:
         return np.asarray(world - np.outer(world @ along, along) / (along @ along))
 
 
-def _run_of(samples: Samples, own: EulerSolutions, near: Regional, root: FloatArray, expected: FloatArray) -> _Run:
-    """Return the run that begins with the sources of each sample."""
+def _run_of(samples: Samples, own: EulerSolutions, near: Regional, prior: Regional, is_one: bool) -> _Run:
+    """Return the run that begins with the sources of each sample; they share theirs, or each line is its own."""
+    root = root_of(prior.covariance_T2)
+    expected = np.linalg.pinv(root) @ (prior.field_T - near.field_T)
     back, outputs, array = np.swapaxes(samples.rotation, 1, 2), samples.outputs, samples.array
     beside = Beside.of(samples, replace(near, covariance_T2=np.zeros((3, 3))))
     turned_T = beside.field_T
@@ -177,13 +204,14 @@ def _run_of(samples: Samples, own: EulerSolutions, near: Regional, root: FloatAr
     if samples.index == DIPOLE_INDEX:
         weight = np.linalg.inv(own.moment_covariance_A2m4)
         mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, own.moment_Am2))
-        return _Run(data, by_field, expected, Dipoles(points, weights).predict, places, back, mean, np.eye(3))
+        return _Run(data, by_field, root, expected, Dipoles(points, weights).predict, places, back, mean, np.eye(3))
     _, axes = np.linalg.eigh(own.along.T @ own.along)
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     turned = back @ axes
     lines = Lines.seen_along(turned, points, weights, samples.index)
-    strengths = np.median(lines.start(data, np.concatenate([places, turned[..., 2]], axis=1))[:, 4:], axis=0)
-    shared = np.concatenate([np.zeros(2), strengths])
-    nearest = (np.swapaxes(turned, 1, 2) @ places[..., None])[:, :2, 0]
+    shapes = lines.shapes(places)
+    unknowns = lines.with_strengths(data, shapes, np.arange(len(data)))[0]
+    split = 2 if is_one else unknowns.shape[1]
+    shared = np.median(unknowns[:, split:], axis=0)
     by_shared = np.broadcast_to(np.eye(len(shared)), (len(data), len(shared), len(shared)))
-    return _Run(data, by_field, expected, lines.predict, nearest, by_shared, shared, axes[:, :2])
+    return _Run(data, by_field, root, expected, lines.predict, unknowns[:, :split], by_shared, shared, axes[:, :2])

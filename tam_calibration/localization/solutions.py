@@ -4,7 +4,7 @@ Generic tools show a position and a moment with their covariances as poses and e
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
@@ -14,7 +14,6 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import Solution
 from tam_calibration.model.exceptions import Refused
-from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 from tam_calibration.sources.demodulation import CHANCE, Spectrum
 
@@ -180,30 +179,6 @@ class EulerSolutions:
     def distance_m(self) -> FloatArray:
         """(N,) distances of the sources from the array's centre, metres."""
         return np.asarray(norm(self.position_m, axis=1))
-
-
-Locate = Callable[[FloatArray, FloatArray | None], EulerSolutions]
-"""From outputs and their covariance to the sources."""
-
-
-def in_pieces(locate: Locate, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
-    """Locate samples in pieces of bounded size, so that what is worked out on the way stays small.
-
-    Parameters
-    ----------
-    locate : callable
-        From the outputs of some samples and their covariance to an ``EulerSolutions``.
-    outputs : (N, 9) or (N, 8) array
-        Field and gradient of the source, array frame, tesla and T/m.
-    covariance : (9, 9) or (8, 8) or (N, …) array, optional
-        Of the outputs, for all samples or each.
-    """
-    parts = []
-    for start in range(0, max(len(outputs), 1), BLOCK):
-        part = slice(start, start + BLOCK)
-        own = covariance if covariance is None or np.ndim(covariance) == 2 else covariance[part]
-        parts.append(locate(outputs[part], own))
-    return EulerSolutions.joined(parts)
 
 
 def ellipsoid(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,6 +17,7 @@ calibration has. So a few unknowns of standard deviation one say all that may be
 at most as many as there are parameters.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -27,8 +28,8 @@ from numpy.linalg import norm
 from tam_calibration.core.least_squares import Solution, root_of, scaled, solution_at, solve_damped, with_slopes
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.recorded_attitude import across_of
-from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX, locate
-from tam_calibration.localization.solutions import EulerSolutions, Status, in_pieces
+from tam_calibration.localization.euler import CURRENT_INDEX, DIPOLE_INDEX, DIPOLES_INDEX
+from tam_calibration.localization.solutions import EulerSolutions
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import FloatArray
@@ -85,29 +86,18 @@ def errors_of(calibration: Calibration, fields_T: FloatArray, *, is_alternating:
 
 
 SMALLEST_STEP = 1e-11
-"""Part of a distance, of radians and of a strength below which a step is the last."""
+"""Part of a shape below which a step is the last."""
 
 
 @dataclass(frozen=True, eq=False)
-class OutputFit:
-    """Sources that were fitted to the outputs of N samples, each by itself.
+class Fit(Solution):
+    """The sources of N samples, each fitted by itself.
 
-    Parameters
-    ----------
-    solution : Solution
-        Of each sample.
-    field_T : (N, 3) array
-        Of the sources at the array's centre, tesla.
-    residuals : (N, 8) array
-        Whitened.
-    slopes : (N, 8, P) array
-        Derivatives of the whitened outputs by what was fitted.
+    Unknowns are places and moments (N, 6) of dipoles; of lines the points nearest to the origin, and unit vectors along
+    the lines. ``field_T`` (N, 3) is the field of each source at the origin, tesla.
     """
 
-    solution: Solution
     field_T: FloatArray
-    residuals: FloatArray
-    slopes: FloatArray
 
 
 def unknowns_of(index: float) -> int:
@@ -115,52 +105,107 @@ def unknowns_of(index: float) -> int:
     return 5 if index == CURRENT_INDEX else 6
 
 
-def fit_lines(
-    data: FloatArray, points_m: FloatArray, weights: FloatArray, start: FloatArray, index: float
-) -> OutputFit:
-    """Return the lines that fit whitened outputs, each sample a problem of its own.
+@dataclass(frozen=True, eq=False)
+class Sources(ABC):
+    """What is read of the sources of N samples: linear in their strengths, not in their shapes.
+
+    The first unknowns of each are its shape, such as its place; the others are its strength.
 
     Parameters
     ----------
-    data : (N, 8) array
-        Whitened outputs.
-    points_m : (P, 3) array
-        Where the field is read, array frame, metres.
-    weights : (N, 8, 3 P) array
-        From the stacked fields there to the whitened outputs.
-    start : (N, 6) array
-        A place on each line [m], and a vector along it.
-    index : float
-        1 of a line of current, 2 of a line of dipoles.
-
-    Returns
-    -------
-    OutputFit
-        Unknowns (N, 6) are the point of each line that is nearest to the origin, metres, and the unit vector along it.
+    points_m : (P, 3) or (N, P, 3) array
+        Where the field is read, metres.
+    weights : (N, D, 3 P) array
+        From the stacked fields there to the whitened data of each.
     """
-    lines = Lines.of(points_m, weights, start, index)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
-        own = solve_damped(lines.predict, data, lines.start(data, start), _is_last_step)
-        unknowns, slopes = with_slopes(_nearest, own.unknowns)
-        turn = np.kron(np.eye(2), lines.axes)
-        slopes = turn @ slopes[..., :4]
-        covariance = slopes @ own.covariance[:, :4, :4] @ np.swapaxes(slopes, 1, 2)
-        solution = Solution((turn @ unknowns[..., None])[..., 0], covariance, own.chi_square, own.is_found)
-        field = _field(np.zeros((len(data), 1, 3)), index, own.unknowns).swapaxes(1, 2)
-        predicted, derivative = lines.predict(own.unknowns, np.arange(len(data)))
-    return OutputFit(solution, (lines.axes @ field)[..., 0], data - predicted, derivative)
+
+    points_m: FloatArray
+    weights: FloatArray
+
+    @abstractmethod
+    def predict(self, unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        """Return the data (n, D) of some samples, and their derivatives (n, D, U) by the unknowns (n, U)."""
+
+    @abstractmethod
+    def by_strength(self, shapes: FloatArray, at: np.ndarray) -> FloatArray:
+        """Return the derivatives (n, D, C) of the data of some samples by the strengths of sources of shapes (n, F)."""
+
+    @abstractmethod
+    def shapes(self, start: FloatArray) -> FloatArray:
+        """Return the shapes (N, F) of places with moments or with vectors along lines (N, 6)."""
+
+    @abstractmethod
+    def fit_of(self, solution: Solution) -> Fit:
+        """Return places, and moments or directions, from the solutions of all samples."""
+
+    def with_strengths(
+        self, data: FloatArray, shapes: FloatArray, at: np.ndarray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the unknowns (n, U) with the strengths that fit data (N, D) best for shapes (n, F).
+
+        With them are the slopes (n, D, C) of the data by the strengths, and what makes strengths of the data (n, C, D).
+        """
+        slopes = self.by_strength(shapes, at)
+        turned = np.swapaxes(slopes, 1, 2)
+        unit, scale = scaled(np.nan_to_num(turned @ slopes, posinf=0.0, neginf=0.0))
+        least = 1e-14 * np.eye(slopes.shape[2])  # far away there is no field, and the matrix is zero
+        inverse = np.linalg.solve(unit + least, turned / scale[..., None]) / scale[..., None]
+        strengths = (inverse @ data[at][..., None])[..., 0]
+        return np.concatenate([shapes, strengths], axis=1), slopes, inverse
+
+    def predict_projected(self, data: FloatArray, shapes: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        """Return the data of the strengths that fit best, and their derivatives (n, D, F) by the shape (Kaufman, 1975).
+
+        Shapes alone converge where place and moment together creep along a bent valley.
+        """
+        unknowns, by_strength, inverse = self.with_strengths(data, shapes, at)
+        predicted, slopes = self.predict(unknowns, at)
+        by_shape = slopes[..., : shapes.shape[1]]
+        return predicted, by_shape - by_strength @ (inverse @ by_shape)
+
+    def fit(self, data: FloatArray, start: FloatArray) -> Fit:
+        """Return the sources that fit data (N, D), from places with moments or with vectors along lines (N, 6)."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # where a step leads far away
+            shapes = solve_damped(partial(self.predict_projected, data), data, self.shapes(start), hardly_moves)
+            unknowns = self.with_strengths(data, shapes.unknowns, np.arange(len(data)))[0]
+            return self.fit_of(solution_at(self.predict, data, unknowns, shapes.is_found))
+
+
+class Dipoles(Sources):
+    """What is read of dipoles: their shapes are their places, and their strengths their moments."""
+
+    def predict(self, unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        """Return the data (n, D) of some samples, and their derivatives (n, D, 6) by place and moment (n, 6)."""
+        place, moment = unknowns[:, None, :3], unknowns[:, None, 3:]
+        field, gradient, by_moment = dipole_field(self.points_m - place, moment)
+        slopes = np.concatenate([-gradient, by_moment], axis=-1).reshape(len(at), -1, 6)
+        weights = self.weights[at]
+        return (weights @ field.reshape(len(at), -1, 1))[..., 0], weights @ slopes
+
+    def by_strength(self, shapes: FloatArray, at: np.ndarray) -> FloatArray:
+        """Return the derivatives (n, D, 3) of the data of some samples by the moments of dipoles at places (n, 3)."""
+        field = field_by_moment(self.points_m - shapes[:, None]).reshape(len(at), -1, 3)
+        return np.asarray(self.weights[at] @ field)
+
+    def shapes(self, start: FloatArray) -> FloatArray:
+        """Return the places (N, 3) of places and moments (N, 6)."""
+        return start[:, :3]
+
+    def fit_of(self, solution: Solution) -> Fit:
+        """Return the solutions as they are."""
+        field_T = dipole_field(-solution.unknowns[:, :3], solution.unknowns[:, 3:])[0]
+        return Fit(**vars(solution), field_T=field_T)
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
-    """Axes (N, 3, 3) of each sample in the array frame, as columns, and what is read along them.
+class Lines(Sources):
+    """What is read of lines, along axes (N, 3, 3) of each sample in the array frame, as columns.
 
-    The third axis is nearly along the line. ``points_m`` (N, P, 3) and ``weights`` (N, 8, 3 P) are along them too.
+    The third axis is nearly along the line. ``points_m`` (N, P, 3) and ``weights`` are along these axes too. A shape is
+    (q₁, q₂, c₁, c₂), and a strength one number of a current, and two of a line of dipoles.
     """
 
     axes: FloatArray
-    points_m: FloatArray
-    weights: FloatArray
     index: float
 
     @classmethod
@@ -174,24 +219,36 @@ class Lines:
     def seen_along(cls, axes: FloatArray, points_m: FloatArray, weights: FloatArray, index: float) -> "Lines":
         """Return what an array with points (P, 3) and weights (N, 8, 3 P) in its own frame reads along some axes."""
         by_sensor = weights.reshape(*weights.shape[:2], -1, 3) @ axes[:, None]
-        return cls(axes, points_m @ axes, by_sensor.reshape(weights.shape), index)
-
-    def start(self, data: FloatArray, start: FloatArray) -> FloatArray:
-        """Return unknowns (N, 5 or 6) whose strengths are found by linear least squares."""
-        across = (np.swapaxes(self.axes, 1, 2) @ start[:, :3, None])[:, :2, 0]
-        count = 1 if self.index == CURRENT_INDEX else 2
-        tried = np.concatenate([across, np.zeros((len(data), 2)), np.ones((len(data), count))], axis=1)
-        slopes = self.predict(tried, np.arange(len(data)))[1][..., 4:]
-        scale = norm(slopes, axis=1)
-        tried[:, 4:] = (np.linalg.pinv(slopes / scale[:, None]) @ data[..., None])[..., 0] / scale
-        return tried
+        return cls(points_m @ axes, by_sensor.reshape(weights.shape), axes, index)
 
     def predict(self, unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        """Return the whitened outputs (n, 8) of some samples, and their derivatives by the unknowns."""
+        """Return the whitened outputs (n, 8) of some samples, and their derivatives by the unknowns (n, 5 or 6)."""
         field, slopes = with_slopes(partial(_field, self.points_m[at], self.index), unknowns)
         weights, count = self.weights[at], len(at)
         data = (weights @ field.reshape(count, -1, 1))[..., 0]
         return data, weights @ slopes.reshape(count, -1, slopes.shape[-1])
+
+    def by_strength(self, shapes: FloatArray, at: np.ndarray) -> FloatArray:
+        """Return the derivatives (n, 8, 1 or 2) of the outputs of some samples by the strengths of lines."""
+        units = np.eye(unknowns_of(self.index) - 4)[:, None].repeat(len(at), axis=1)
+        lines = [np.concatenate([shapes, unit], axis=1) for unit in units]
+        fields = np.stack([_field(self.points_m[at], self.index, each) for each in lines], axis=-1)
+        return np.asarray(self.weights[at] @ fields.reshape(len(at), -1, len(units)))
+
+    def shapes(self, start: FloatArray) -> FloatArray:
+        """Return lines (N, 4) along the third axis, through places of which (N, 6) begins."""
+        across = (np.swapaxes(self.axes, 1, 2) @ start[:, :3, None])[:, :2, 0]
+        return np.pad(across, ((0, 0), (0, 2)))
+
+    def fit_of(self, solution: Solution) -> Fit:
+        """Return the nearest points of lines and unit vectors along them (N, 6), in the array frame."""
+        unknowns, slopes = with_slopes(_nearest, solution.unknowns)
+        turn = np.kron(np.eye(2), self.axes)
+        slopes = turn @ slopes[..., :4]
+        covariance = slopes @ solution.covariance[:, :4, :4] @ np.swapaxes(slopes, 1, 2)
+        field = _field(np.zeros((len(unknowns), 1, 3)), self.index, solution.unknowns).swapaxes(1, 2)
+        turned = (turn @ unknowns[..., None])[..., 0]
+        return Fit(turned, covariance, solution.chi_square, solution.is_found, (self.axes @ field)[..., 0])
 
 
 def _field(points_m: FloatArray, index: float, unknowns: Any) -> Any:
@@ -222,75 +279,13 @@ def _dot(one: Any, other: Any) -> Any:
     return np.sum(one * other, axis=-1, keepdims=True)
 
 
-def _is_last_step(unknowns: FloatArray, step: FloatArray) -> np.ndarray:
-    """Return whether steps (N, 5 or 6) hardly change places, directions and strengths."""
-    across, along, strength = (norm(each, axis=1) for each in np.split(step, (2, 4), axis=1))
-    return np.asarray(
-        (across <= SMALLEST_STEP * norm(unknowns[:, :2], axis=1))
-        & (along <= SMALLEST_STEP)
-        & (strength <= SMALLEST_STEP * norm(unknowns[:, 4:], axis=1))
-    )
-
-
 SOURCES = {CURRENT_INDEX: "line of current", DIPOLES_INDEX: "line of dipoles", DIPOLE_INDEX: "dipole"}
 """Of each structural index."""
 
 
-@dataclass(frozen=True, eq=False)
-class Dipoles:
-    """What is read of the dipoles of N samples.
-
-    Parameters
-    ----------
-    points_m : (P, 3) array
-        Where the field is read, metres.
-    weights : (N, D, 3 P) array
-        From the stacked fields there to the whitened data of each.
-    """
-
-    points_m: FloatArray
-    weights: FloatArray
-
-    def predict(self, unknowns: FloatArray, at: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        """Return the data (n, D) of some samples, and their derivatives (n, D, 6) by place and moment (n, 6)."""
-        place, moment = unknowns[:, None, :3], unknowns[:, None, 3:]
-        field, gradient, by_moment = dipole_field(self.points_m - place, moment)
-        slopes = np.concatenate([-gradient, by_moment], axis=-1).reshape(len(at), -1, 6)
-        weights = self.weights[at]
-        return (weights @ field.reshape(len(at), -1, 1))[..., 0], weights @ slopes
-
-    def with_moments(
-        self, data: FloatArray, places_m: FloatArray, at: np.ndarray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return places with the moments (n, 6) that fit data (N, D) best there.
-
-        With them are the slopes (n, D, 3) of the data by the moments, and what makes the moments of the data (n, 3, D).
-        """
-        field = field_by_moment(self.points_m - places_m[:, None]).reshape(len(at), -1, 3)
-        slopes = self.weights[at] @ field
-        turned = np.swapaxes(slopes, 1, 2)
-        unit, scale = scaled(np.nan_to_num(turned @ slopes, posinf=0.0, neginf=0.0))
-        least = 1e-14 * np.eye(3)  # far away there is no field, and the matrix is zero
-        inverse = np.linalg.solve(unit + least, turned / scale[..., None]) / scale[..., None]
-        moments = (inverse @ data[at][..., None])[..., 0]
-        return np.concatenate([places_m, moments], axis=1), slopes, inverse
-
-    def predict_projected(
-        self, data: FloatArray, places_m: FloatArray, at: np.ndarray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the data of the moments that fit best, and their derivatives (n, D, 3) by the place (Kaufman, 1975).
-
-        Places alone converge where place and moment together creep along a bent valley.
-        """
-        unknowns, by_moment, inverse = self.with_moments(data, places_m, at)
-        predicted, slopes = self.predict(unknowns, at)
-        by_place = slopes[..., :3]
-        return predicted, by_place - by_moment @ (inverse @ by_place)
-
-
-def hardly_moves(places_m: FloatArray, step: FloatArray) -> np.ndarray:
-    """Return whether steps (N, D) hardly change places (N, D)."""
-    return np.asarray(norm(step, axis=1) <= SMALLEST_STEP * norm(places_m, axis=1))
+def hardly_moves(shapes: FloatArray, step: FloatArray) -> np.ndarray:
+    """Return whether steps (N, F) hardly change shapes (N, F)."""
+    return np.asarray(norm(step, axis=1) <= SMALLEST_STEP * norm(shapes, axis=1))
 
 
 def fit_fields(
@@ -300,7 +295,7 @@ def fit_fields(
     noise: FloatArray,
     start: FloatArray,
     index: float = DIPOLE_INDEX,
-) -> OutputFit:
+) -> Fit:
     """Return the sources that fit what is linear in the fields at some points, each sample a problem of its own.
 
     Parameters
@@ -318,11 +313,6 @@ def fit_fields(
     index : float
         Structural index.
 
-    Returns
-    -------
-    OutputFit
-        Unknowns (N, 6) are places and moments, or nearest points of lines and unit vectors along them.
-
     Raises
     ------
     InputError
@@ -331,43 +321,9 @@ def fit_fields(
     whitening = whitening_of(noise)
     data = (whitening @ values[..., None])[..., 0]
     weights = np.broadcast_to(whitening @ by_points, (len(values), *by_points.shape))
-    if index != DIPOLE_INDEX:
-        return fit_lines(data, points_m, weights, start, index)
-    dipoles, all_of_them = Dipoles(points_m, weights), np.arange(len(values))
-    with np.errstate(over="ignore", invalid="ignore"):  # what a step leads far away makes no field there
-        places = solve_damped(partial(dipoles.predict_projected, data), data, start[:, :3], hardly_moves)
-        unknowns = dipoles.with_moments(data, places.unknowns, all_of_them)[0]
-        solution = solution_at(dipoles.predict, data, unknowns, places.is_found)
-        field_T = dipole_field(-unknowns[:, :3], unknowns[:, 3:])[0]
-        predicted, slopes = dipoles.predict(unknowns, all_of_them)
-    return OutputFit(solution, field_T, data - predicted, slopes)
-
-
-def fit_outputs(
-    outputs: FloatArray, array: Array, noise: FloatArray, start: FloatArray, index: float = DIPOLE_INDEX
-) -> OutputFit:
-    """Return the sources that fit the outputs of an array with its true baselines, each sample a problem of its own.
-
-    Parameters
-    ----------
-    outputs : (N, 8) array
-        Field and gradient of the source alone, array frame, tesla and T/m.
-    array : Array
-        Whose outputs they are.
-    noise : (8, 8) or (N, 8, 8) array
-        Covariance of the outputs, for all samples or each.
-    start : (N, 6) array
-        Places to begin with [m], and moments [A m²] or vectors along lines.
-    index : float
-        Structural index.
-
-    Returns
-    -------
-    OutputFit
-        Unknowns (N, 6) are places and moments, or nearest points of lines and unit vectors along them.
-    """
-    points, by_points = elements_of(array, array.operator[:8])
-    return fit_fields(outputs, points, by_points, noise, start, index)
+    if index == DIPOLE_INDEX:
+        return Dipoles(points_m, weights).fit(data, start)
+    return Lines.of(points_m, weights, start, index).fit(data, start)
 
 
 def elements_of(array: Array, operator: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -446,53 +402,3 @@ def require_gradient(array: Array) -> None:
     """
     if not array.has_gradient:
         raise InputError("the array's geometry determines no gradient, from which sources are located")
-
-
-def locate_with_baselines(
-    outputs: FloatArray, array: Array, covariance: FloatArray | None = None, *, index: float = DIPOLE_INDEX
-) -> EulerSolutions:
-    """Locate the source of each sample: the constrained Euler solution, then a fit with the array's true baselines.
-
-    Parameters
-    ----------
-    outputs : (N, 9) or (N, 8) array
-        Field and gradient of the source alone, in the order of ``array.OUTPUT_NAMES``, array frame, tesla and T/m.
-    array : Array
-        Whose outputs they are.
-    covariance : (9, 9) or (8, 8) or (N, …) array, optional
-        Of the outputs. Without it they are weighted as by equal noise of all sensors.
-    index : float
-        Structural index: 3 of a dipole, 2 of a line of dipoles, 1 of a line of current; of a line its nearest point is
-        located.
-
-    Returns
-    -------
-    EulerSolutions
-        With the reason of each sample that was not located, which is that of the Euler solution.
-
-    Raises
-    ------
-    InputError
-        When a shape or the structural index is wrong, or the array has no gradient.
-    """
-    require_gradient(array)
-    require_index(index)
-    return in_pieces(partial(_fitted, array, index), np.asarray(outputs, dtype=float), covariance)
-
-
-def _fitted(array: Array, index: float, outputs: FloatArray, covariance: FloatArray | None) -> EulerSolutions:
-    euler = locate(outputs, covariance, index=index)
-    at = np.flatnonzero(euler.is_located)
-    if not len(at):
-        return euler
-    operator = array.operator[:8]
-    noise = operator @ operator.T if covariance is None else np.asarray(covariance, dtype=float)[..., :8, :8]
-    start = start_of(euler, index)[at]
-    solution = fit_outputs(outputs[at, :8], array, noise if noise.ndim == 2 else noise[at], start, index).solution
-    is_sure = solution.is_found
-    if covariance is not None:
-        is_sure = is_sure & is_certain(solution.unknowns, solution.covariance)
-    status = euler.status.copy()
-    status[at[~is_sure]] = Status.UNCERTAIN
-    found = EulerSolutions.of_fits(status, solution.take(is_sure), index == DIPOLE_INDEX)
-    return found if covariance is not None else found.without_covariance()

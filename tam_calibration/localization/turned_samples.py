@@ -17,17 +17,18 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import Solution
 from tam_calibration.core.noise import noise_deviation
 from tam_calibration.fit.contradiction import PLAUSIBLE
 from tam_calibration.localization.euler import DIPOLE_INDEX, locate
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.source_fit import (
     PLACE_ERROR_M,
-    fit_outputs,
+    Fit,
+    elements_of,
+    fit_fields,
     is_certain,
-    locate_with_baselines,
     places_of,
+    require_index,
     start_of,
     unknowns_of,
 )
@@ -35,6 +36,7 @@ from tam_calibration.model.array import Array, tensors_of
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.mounting import matrices_of
+from tam_calibration.model.recording import BLOCK
 from tam_calibration.model.units import FloatArray
 
 _TENTHS = 10
@@ -57,7 +59,13 @@ class Samples:
         Quaternions x, y, z, w from the array frame to the world, needed where there is a regional field; NaN where
         unknown, which refuses the sample.
     index : float
-        Structural index.
+        Structural index: 3 of a dipole, 2 of a line of dipoles, 1 of a line of current; of a line its nearest point is
+        located.
+
+    Raises
+    ------
+    InputError
+        When the structural index is none of these.
     """
 
     outputs: FloatArray
@@ -65,6 +73,10 @@ class Samples:
     covariance: FloatArray
     attitude: FloatArray | None = None
     index: float = DIPOLE_INDEX
+
+    def __post_init__(self) -> None:
+        """Check the structural index."""
+        require_index(self.index)
 
     @property
     def freedom(self) -> int:
@@ -78,7 +90,7 @@ class Samples:
             raise InputError("without an attitude the regional field cannot be taken off")
         return matrices_of(self.attitude)
 
-    def take(self, at: np.ndarray) -> "Samples":
+    def take(self, at: np.ndarray | slice) -> "Samples":
         """Return some of the samples."""
         covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[at]
         attitude = None if self.attitude is None else self.attitude[at]
@@ -172,18 +184,13 @@ def locate_samples(samples: Samples, regional: Regional | None = None) -> EulerS
 
 def locate_each(samples: Samples, regional: Regional | None = None) -> EulerSolutions:
     """Do the same, whatever the source leaves: see ``EulerSolutions.chi_square``."""
-    outputs, array, covariance, index = samples.outputs, samples.array, samples.covariance, samples.index
-    if not array.has_gradient:
-        return EulerSolutions.refused(len(outputs), Status.NOT_FINITE)
-    if regional is None:
-        return locate_with_baselines(outputs, array, covariance, index=index)
-    beside = Beside.of(samples, regional)
-    if regional.attitude_noise or regional.covariance_T2.any():
-        solutions = beside.located()
-    else:
-        source = beside.less(beside.field_T)[0]
-        solutions = locate_with_baselines(source, array, covariance, index=index)
-    return _unless_unknown(solutions, samples.rotation)
+    count = len(samples.outputs)
+    if not samples.array.has_gradient:
+        return EulerSolutions.refused(count, Status.NOT_FINITE)
+    # In pieces of bounded size, so that what is worked out on the way stays small.
+    pieces = [samples.take(slice(start, start + BLOCK)) for start in range(0, max(count, 1), BLOCK)]
+    solutions = EulerSolutions.joined([Beside.of(piece, regional).located() for piece in pieces])
+    return solutions if regional is None else _unless_unknown(solutions, samples.rotation)
 
 
 def turned(solutions: EulerSolutions, attitude: FloatArray, attitude_noise: float = 0.0) -> EulerSolutions:
@@ -238,10 +245,9 @@ _ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class _Found(Solution):
-    """The best of several fits, χ² infinite where none settled; its field (N, 3), and which samples have other ones."""
+class _Found(Fit):
+    """The best of several fits, and which samples (N,) have other ones."""
 
-    field_T: FloatArray
     is_ambiguous: np.ndarray
 
     def put(self, at: np.ndarray, other: "_Found") -> None:
@@ -250,53 +256,40 @@ class _Found(Solution):
             value[at] = getattr(other, name)
 
 
-_Fits = tuple[FloatArray, ...]
-"""Unknowns (S, N, 6), covariances (S, N, 6, 6), χ² (S, N), infinite where none settled, and fields (S, N, 3)."""
-
-
 @dataclass(frozen=True, eq=False)
 class Beside:
     """N samples beside a regional field that is uncertain, and known but for a turn.
 
     Parameters
     ----------
-    outputs : (N, 9) array
-        Field and gradient, array frame, tesla and T/m.
+    samples : Samples
+        The samples.
     field_T : (N, 3) array
         The regional field as the reported attitude has it in the array frame, tesla.
-    covariance : (N, 8, 8) array
-        Of the outputs.
     own : (N, 3, 3) array
-        Of the regional field in the array frame, T².
-    array : Array
-        Whose outputs they are.
-    index : float
-        Structural index.
+        Covariance of the regional field in the array frame, T².
     attitude_noise : float
         Standard deviation of the attitude about each axis, radians.
     """
 
-    outputs: FloatArray
+    samples: Samples
     field_T: FloatArray
-    covariance: FloatArray
     own: FloatArray
-    array: Array
-    index: float
     attitude_noise: float
 
     @classmethod
-    def of(cls, samples: Samples, regional: Regional) -> "Beside":
-        """Return samples with an attitude, beside a field that is uniform in its world."""
-        back, outputs = np.swapaxes(samples.rotation, 1, 2), samples.outputs
-        covariance = np.broadcast_to(samples.covariance[..., :8, :8], (len(outputs), 8, 8))
+    def of(cls, samples: Samples, regional: Regional | None) -> "Beside":
+        """Return samples beside a field that is uniform in the world of their attitude, or beside none."""
+        if regional is None:
+            count = len(samples.outputs)
+            return cls(samples, np.zeros((count, 3)), np.zeros((count, 3, 3)), 0.0)
+        back = np.swapaxes(samples.rotation, 1, 2)
         own = back @ regional.covariance_T2 @ samples.rotation
-        field_T, noise = back @ regional.field_T, regional.attitude_noise
-        return cls(outputs, field_T, covariance, own, samples.array, samples.index, noise)
+        return cls(samples, back @ regional.field_T, own, regional.attitude_noise)
 
     def take(self, at: np.ndarray) -> "Beside":
         """Return some of the samples."""
-        names = ("outputs", "field_T", "covariance", "own")
-        return replace(self, **{name: getattr(self, name)[at] for name in names})
+        return replace(self, samples=self.samples.take(at), field_T=self.field_T[at], own=self.own[at])
 
     def less(self, turned_T: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the outputs (N, 8) less the field, and their covariances (N, 8, 8).
@@ -310,7 +303,8 @@ class Beside:
         size = norm(turned_T, axis=1, keepdims=True)
         unit = np.divide(turned_T, size, out=np.zeros_like(turned_T), where=size > 0)
         longer = norm(self.field_T, axis=1) - np.einsum("ni,ni->n", unit, self.field_T)
-        seen, widened = self.outputs[:, :8].copy(), self.covariance.copy()
+        seen = self.samples.outputs[:, :8].copy()
+        widened = np.array(np.broadcast_to(self.samples.covariance[..., :8, :8], (len(seen), 8, 8)))
         seen[:, :3] -= self.field_T + unit * longer[:, None]
         widened[:, :3, :3] += _turning(self.own, turned_T, self.attitude_noise**2)
         return seen, widened
@@ -322,65 +316,70 @@ class Beside:
 
     def located(self) -> EulerSolutions:
         """Return the sources of those samples that Euler's equation locates, and the reason of each that was not."""
-        euler = locate(*self.less(self.field_T), index=self.index)
+        index = self.samples.index
+        euler = locate(*self.less(self.field_T), index=index)
         at = np.flatnonzero(euler.is_located)
         if not len(at):
             return euler
         seen = self.take(at)
+        error_T = np.sqrt(np.maximum(np.linalg.eigvalsh(seen.spread)[:, -1], 0.0))
         # Of one sample, as live ones are, all fits take hardly longer than the first.
-        every = seen.fits(_SHIFTS) if len(at) == 1 else None
-        found = _best(seen.fits(_SHIFTS[:1]) if every is None else tuple(each[:1] for each in every))
-        least_T2 = np.linalg.eigvalsh(seen.spread)[:, -1]
+        every = seen.fits(seen.starts()) if len(at) == 1 and error_T[0] > 0 else None
+        first = seen.fits(start_of(euler.take(at), index)[None]) if every is None else every.take(np.arange(1))
+        found = _best(first, len(at))
 
         def is_above(times: float) -> np.ndarray:
-            return np.asarray(norm(found.field_T, axis=1) ** 2 > times**2 * least_T2)
+            return np.asarray(norm(found.field_T, axis=1) > times * error_T)
 
-        doubtful = np.flatnonzero(~found.is_found | is_above(_LEAST_FIELD) & ~is_above(_SURE_FIELD))
+        is_doubtful = ~found.is_found | is_above(_LEAST_FIELD) & ~is_above(_SURE_FIELD)
+        doubtful = np.flatnonzero(is_doubtful & (error_T > 0))
         if len(doubtful):
-            found.put(doubtful, _best(seen.take(doubtful).fits(_SHIFTS) if every is None else every))
+            some = seen.take(doubtful)
+            found.put(doubtful, _best(some.fits(some.starts()) if every is None else every, len(doubtful)))
         is_sure = found.is_found & is_certain(found.unknowns, found.covariance)
         status, reasons = euler.status.copy(), (Status.UNCERTAIN, Status.AMBIGUOUS, Status.NO_FIELD)
         status[at] = np.select([~is_sure, found.is_ambiguous, ~is_above(_LEAST_FIELD)], reasons, Status.LOCATED)
-        return EulerSolutions.of_fits(status, found.take(status[at] == Status.LOCATED), self.index == DIPOLE_INDEX)
+        return EulerSolutions.of_fits(status, found.take(status[at] == Status.LOCATED), index == DIPOLE_INDEX)
 
-    def fits(self, shifts: FloatArray) -> _Fits:
-        """Return the fits that begin with a field that is off by some shifts (S, 2): all side by side."""
-        count, shape = len(self.outputs), (len(shifts), len(self.outputs))
-        values, vectors = np.linalg.eigh(self.spread)
+    def starts(self) -> FloatArray:
+        """Return Euler's solutions (S, N, 6) for a field that is off by each of ``_SHIFTS``."""
+        index, values, vectors = self.samples.index, *np.linalg.eigh(self.spread)
         errors = np.sqrt(np.maximum(values[:, 1:], 0.0))
-        shifted = np.einsum("ta,na,nia->tni", shifts, errors, vectors[:, :, 1:]).reshape(-1, 3)
-        solution, field_T = self.take(np.tile(np.arange(count), len(shifts))).fitted(shifted)
-        chi_square = np.where(solution.is_found, solution.chi_square, np.inf)
-        unknowns = np.where(solution.is_found[:, None], solution.unknowns, 1.0)
-        every = unknowns, solution.covariance, chi_square, field_T
-        return tuple(each.reshape(*shape, *each.shape[1:]) for each in every)
+        seen = np.tile(self.less(self.field_T)[0], (len(_SHIFTS), 1, 1))
+        seen[..., :3] -= np.einsum("ta,na,nia->tni", _SHIFTS, errors, vectors[:, :, 1:])
+        euler = locate(seen.reshape(-1, 8), index=index)
+        return np.nan_to_num(start_of(euler, index), nan=1.0).reshape(*seen.shape[:2], 6)
 
-    def fitted(self, shifted: FloatArray) -> tuple[Solution, FloatArray]:
-        """Return the sources, and their fields (N, 3), that are found after a shift (N, 3) of the field."""
-        seen = self.outputs[:, :8].copy()
-        seen[:, :3] -= self.field_T + shifted
-        start = np.nan_to_num(start_of(locate(seen, index=self.index), self.index), nan=1.0)
+    def fits(self, starts: FloatArray) -> Fit:
+        """Return the S N fits that begin with several sources (S, N, 6) of each sample: all side by side."""
+        return self.take(np.tile(np.arange(starts.shape[1]), len(starts))).fitted(starts.reshape(-1, 6))
+
+    def fitted(self, start: FloatArray) -> Fit:
+        """Return the sources that are found from places and moments, or vectors along lines (N, 6)."""
+        outputs, array, index = self.samples.outputs, self.samples.array, self.samples.index
+        points, by_points = elements_of(array, array.operator[:8])
         turned_T, source_T = self.field_T, np.zeros_like(self.field_T)
         for _ in range(_ROUNDS if self.attitude_noise else 1):
             seen, noise = self.less(turned_T)
-            fit = fit_outputs(seen, self.array, noise, start, self.index)
-            is_found = fit.solution.is_found[:, None]
-            start = np.where(is_found, fit.solution.unknowns, start)
+            fit = fit_fields(seen, points, by_points, noise, start, index)
+            is_found = fit.is_found[:, None]
+            start = np.where(is_found, fit.unknowns, start)
             source_T = np.where(is_found, fit.field_T, source_T)
-            left = self.outputs[:, :3] - source_T
+            left = outputs[:, :3] - source_T
             # What a wild fit leaves of the field was not made by an error of the attitude.
             is_turn = norm(left - self.field_T, axis=1) < ATTITUDE_NOISE.most * norm(self.field_T, axis=1)
             turned_T = np.where(is_turn[:, None], left, self.field_T)
-        return fit.solution, source_T
+        return replace(fit, field_T=source_T)
 
 
-def _best(fits: _Fits) -> _Found:
-    """Return the best of S fits of each of N samples."""
-    unknowns, covariance, chi_square, field_T = fits
-    at = np.argmin(chi_square, axis=0), np.arange(chi_square.shape[1])
-    least, own = chi_square[at], covariance[at]
-    apart = np.sum((unknowns[..., :3] - unknowns[at][:, :3]) ** 2, axis=2)
-    is_other = apart > np.trace(own[:, :3, :3], axis1=1, axis2=2)
+def _best(fits: Fit, count: int) -> _Found:
+    """Return the best of the S N fits of N samples."""
+    numbers = np.arange(len(fits.unknowns)).reshape(-1, count)
+    chi_square = np.where(fits.is_found, fits.chi_square, np.inf)[numbers]
+    found = fits.take(numbers[chi_square.argmin(axis=0), np.arange(count)])
+    with np.errstate(over="ignore", invalid="ignore"):  # a fit that was not found may be anywhere
+        apart = np.sum((fits.unknowns[numbers, :3] - found.unknowns[:, :3]) ** 2, axis=2)
+    is_other = apart > np.trace(found.covariance[:, :3, :3], axis1=1, axis2=2)
     # Another dipole explains the sample as long as its likelihood is not much less.
-    is_ambiguous = (is_other & (chi_square < least - 2 * np.log(PLAUSIBLE))).any(axis=0)
-    return _Found(unknowns[at], own, least, np.isfinite(least), field_T[at], is_ambiguous)
+    is_ambiguous = (is_other & (chi_square < found.chi_square - 2 * np.log(PLAUSIBLE))).any(axis=0)
+    return _Found(**vars(found), is_ambiguous=is_ambiguous)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source, complete
-from tam_calibration.localization.source_fit import locate_with_baselines
+from tam_calibration.localization.turned_samples import Samples, locate_each
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import Recording
@@ -146,7 +146,7 @@ def test_completed_calibration_reads_field_and_gradient_near_a_source(calibratio
     assert errors_of_tensor[0] > 0.05 * np.abs(tensor).max()
     # What is left is the bend of the field over the places of the axes, which a fit of the dipole knows.
     assert errors_of_tensor[1] < 0.015 * np.abs(tensor).max()
-    found = locate_with_baselines(completed.apply(raw), completed.array)
+    found = locate_each(Samples(completed.apply(raw), completed.array, completed.output_covariance))
     # Its axes are turned by 1.5° against the array: each sees a fiftieth of the field where another one's element is.
     assert_allclose(found.position_m[0], other.position_m, atol=6e-3)
     assert completed.known_source.baseline_scale == pytest.approx(0.95, abs=1e-4)

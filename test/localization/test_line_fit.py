@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.core.least_squares import with_slopes
 from tam_calibration.localization.euler import locate
-from tam_calibration.localization.source_fit import _field, _nearest, locate_with_baselines
+from tam_calibration.localization.source_fit import _field, _nearest
+from tam_calibration.localization.turned_samples import Samples, locate_each
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 
@@ -55,7 +56,7 @@ def test_error_of_finite_baselines_is_gone(index):
     places, readings = crossed(index)
     euler, found = (
         locate(outputs_of(readings), index=index),
-        locate_with_baselines(outputs_of(readings), ARRAY, NOISE, index=index),
+        locate_each(Samples(outputs_of(readings), ARRAY, NOISE, index=index)),
     )
     distance = norm(places, axis=1)
     assert (norm(euler.position_m - places, axis=1) / distance).max() > 5e-3
@@ -69,7 +70,7 @@ def test_intervals_are_those_of_noise(index):
     """Squared errors over their covariance are χ² of three, but for the direction along the line."""
     places, readings = crossed(index)
     noisy = readings + 1e-10 * np.random.default_rng(3).normal(size=readings.shape)
-    found = locate_with_baselines(outputs_of(noisy), ARRAY, NOISE, index=index)
+    found = locate_each(Samples(outputs_of(noisy), ARRAY, NOISE, index=index))
     at = found.is_located
     off, covariance = found.position_m[at] - places[at], found.position_covariance_m2[at]
     pulls = off / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
@@ -92,4 +93,4 @@ def test_derivatives_are_those_of_differences(index, unknowns):
 def test_another_index_is_refused():
     """Intervals are those of a source that is known: a dipole or a line."""
     with pytest.raises(InputError, match="structural index must be 3 of a dipole"):
-        locate_with_baselines(np.zeros((1, 9)), ARRAY, NOISE, index=2.5)
+        Samples(np.zeros((1, 9)), ARRAY, NOISE, index=2.5)

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from passed_runs import ARRAY, NOISE, PATH_M, TRUE_T, course, dipole, line, passed
 
 from tam_calibration.localization import locate as run_of_samples
 from tam_calibration.localization import shared_source, source_fit
-from tam_calibration.localization.locate import _is_apart, locate_run, regional_beside_current
+from tam_calibration.localization.locate import _is_apart, locate_run
 from tam_calibration.localization.shared_source import SharedSource
 from tam_calibration.localization.solutions import EulerSolutions, Status
 from tam_calibration.localization.turned_samples import Regional, Samples, locate_each, locate_samples, regional_of
@@ -104,11 +105,12 @@ def test_few_samples_tell_no_source_from_several():
     assert not world.is_located.any()
 
 
-def test_a_run_without_a_current_is_refused():
-    """No sample can be located, whatever the regional field."""
+def test_of_a_run_without_a_current_no_sample_is_located():
+    """And the regional field stays where it is."""
     outputs, attitude = passed(4, [])
-    with pytest.raises(Refused, match="none can be located"):
-        regional_beside_current(Samples(outputs, ARRAY, NOISE, attitude, 1), NEAR)
+    world, found = locate_run(Samples(outputs, ARRAY, NOISE, attitude, 1), NEAR)
+    assert not world.is_located.any()
+    assert_array_equal(found.field_T, NEAR.field_T)
 
 
 @pytest.mark.parametrize(("across", "limit"), [(np.eye(3), 4.033), (np.eye(3)[:, :2], 3.717)])

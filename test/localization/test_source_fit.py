@@ -39,7 +39,7 @@ def test_with_the_moment_that_fits_best_the_place_alone_leads_to_the_truth():
     """Derivatives are exact where nothing is left, and the moment there is the true one."""
     dipoles = Dipoles(POINTS, OWN)
     data = dipoles.predict(TRUTH, ALL)[0]
-    assert_allclose(dipoles.with_moments(data, PLACES, ALL)[0], TRUTH, rtol=1e-9)
+    assert_allclose(dipoles.with_strengths(data, PLACES, ALL)[0], TRUTH, rtol=1e-9)
     derivative = dipoles.predict_projected(data, PLACES, ALL)[1]
     for column, step in enumerate(1e-4 * np.eye(3)):
         after, before = (dipoles.predict_projected(data, PLACES + each, ALL)[0] for each in (step, -step))
@@ -50,7 +50,7 @@ def test_a_fit_settles_from_far_along_the_valley():
     """Of a place that is half as far again, whose moment makes nearly the same field."""
     values = Dipoles(POINTS, np.broadcast_to(COMMON, (3, 20, 24))).predict(TRUTH, ALL)[0]
     start = np.concatenate([1.5 * PLACES, 1.5**3 * MOMENTS], axis=1)
-    solution = fit_fields(values, POINTS, COMMON, np.eye(20), start).solution
+    solution = fit_fields(values, POINTS, COMMON, np.eye(20), start)
     assert solution.is_found.all()
     assert_allclose(solution.unknowns, TRUTH, rtol=1e-9)
 
@@ -61,10 +61,10 @@ def test_each_problem_is_solved_as_if_alone(noise):
     values = Dipoles(POINTS, np.broadcast_to(COMMON, (3, 20, 24))).predict(TRUTH, ALL)[0]
     start = TRUTH.copy()
     start[:, :3] += np.array([[0.3, -0.2, 0.1], [0.0, 0.0, 0.0], [-0.1, 0.2, 0.2]])
-    solution = fit_fields(values, POINTS, COMMON, noise, start).solution
+    solution = fit_fields(values, POINTS, COMMON, noise, start)
     assert solution.is_found.all()
     assert_allclose(solution.unknowns, TRUTH, rtol=1e-9)
     for at in range(3):
         own = noise if noise.ndim == 2 else noise[at]
-        alone = fit_fields(values[at : at + 1], POINTS, COMMON, own, start[at : at + 1]).solution
+        alone = fit_fields(values[at : at + 1], POINTS, COMMON, own, start[at : at + 1])
         assert_allclose(alone.unknowns[0], solution.unknowns[at], rtol=1e-12)
