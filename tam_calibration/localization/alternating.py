@@ -237,7 +237,6 @@ def locate_alternating(
         ARRAY_FRAME if recording.attitude is None else WORLD_FRAME,
         np.array([np.mean(stretch.time_s[[0, -1]]) for stretch in stretches]),
         turned(solutions, attitude),
-        np.zeros((len(parts), 3)),
         _overall(together, index) if together and solutions.is_located.sum() > 1 else None,
         line=Line(hertz, error_hz, spectrum),
         note=" ".join(remark for remark, holds in remarks.items() if holds),

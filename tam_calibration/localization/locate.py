@@ -143,8 +143,7 @@ def locate_steady(
     else:
         prior = Regional(regional_T, attitude_noise, regional_covariance_T2)
     world, found = locate_run(samples, prior)
-    center = np.zeros((recording.sample_count, 3))
-    return Survey(WORLD_FRAME, recording.time_s, world, center, regional_T=found.field_T)
+    return Survey(WORLD_FRAME, recording.time_s, world, regional_T=found.field_T)
 
 
 _FEWEST_LOCATED = 10

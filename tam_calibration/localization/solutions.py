@@ -306,8 +306,6 @@ class Survey:
         Of the samples, or the middles of the poses, seconds.
     solutions : EulerSolutions
         The source of each.
-    center_m : (N, 3) array
-        Places of the array's centre, metres.
     overall : Overall, optional
         The source of all together, where the places of the array are known.
     regional_T : (3,) array, optional
@@ -330,7 +328,7 @@ class Survey:
     >>> place_m, moment_Am2 = np.array([[3.0, 1.0, -2.0]]), np.array([[0.0, 0.0, 50.0]])
     >>> covariance = 0.01 * np.eye(3)[None]
     >>> solutions = EulerSolutions(place_m, covariance, moment_Am2, covariance, np.array([Status.LOCATED]))
-    >>> survey = Survey(ARRAY_FRAME, np.array([0.0]), solutions, center_m=np.zeros((1, 3)))
+    >>> survey = Survey(ARRAY_FRAME, np.array([0.0]), solutions)
     >>> survey.position_standard_errors_m
     array([[0.1, 0.1, 0.1]])
     """
@@ -338,7 +336,6 @@ class Survey:
     frame: str
     time_s: FloatArray
     solutions: EulerSolutions
-    center_m: FloatArray
     overall: Overall | None = None
     regional_T: FloatArray | None = None
     line: Line | None = None

@@ -32,7 +32,7 @@ def survey_answer(survey: Survey) -> str:
     located, total = int(survey.solutions.is_located.sum()), len(survey.time_s)
     some = f"located in {blocks.count(located)} of {blocks.count(total)} samples by themselves"
     if survey.overall is None:
-        distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)[survey.solutions.is_located]
+        distance = survey.solutions.distance_m[survey.solutions.is_located]
         near, far = (blocks.number(float(each)) for each in (distance.min(), distance.max()))
         return f"A source is {some}, at {near} to {far} m."
     ((_, x, y, z, _), (*_, size)) = _overall_rows(survey.overall)
@@ -51,7 +51,7 @@ def sample_blocks(survey: Survey, most: int = MOST_ROWS) -> list[blocks.Block]:
     """Return where single samples see the source, of many some from first to last; empty where none does."""
     located = np.flatnonzero(survey.solutions.is_located)
     shown = located[np.unique(np.linspace(0, len(located) - 1, min(len(located), most)).round().astype(int))]
-    distance = np.linalg.norm(survey.solutions.position_m - survey.center_m, axis=1)
+    distance = survey.solutions.distance_m
     moments, spreads = survey.solutions.moment_Am2, survey.solutions.moment_covariance_A2m4
     rows = [
         [
@@ -190,10 +190,8 @@ def plot_source_spectrum(spectrum: Spectrum, frequency_hz: float) -> "Figure":
 
 
 def _draw_view(axes: "Axes", survey: Survey, pair: list[int], window: _Window) -> None:
-    solutions, center = survey.solutions, window.shown(survey.center_m)
-    marker = "" if len(center) > 1 and np.ptp(center) else "+"
-    axes.plot(*center[:, pair].T, color=page.FLOOR_COLOR, linewidth=1.0, marker=marker)
-    axes.plot([], [], color=page.FLOOR_COLOR, marker="+", label="the array")
+    solutions = survey.solutions
+    axes.plot(*window.shown(np.zeros(3))[pair], "+", color=page.FLOOR_COLOR, label="the array")
     located = np.flatnonzero(solutions.is_located)
     points = window.shown(solutions.position_m)
     axes.plot(*points[located][:, pair].T, ".", color=page.QUIET_COLOR, markersize=3, label="source of one sample")
@@ -217,14 +215,13 @@ def _windows(survey: Survey) -> list[_Window]:
     """
     overall, located = survey.overall, survey.solutions.position_m[survey.solutions.is_located]
     if overall is None:
-        points = np.concatenate([survey.center_m, np.percentile(located, (10, 90), axis=0)])
+        points = np.concatenate([np.zeros((1, 3)), np.percentile(located, (10, 90), axis=0)])
         low, high = points.min(axis=0), points.max(axis=0)
         return [_Window((low + high) / 2, 0.6 * float((high - low).max()))]
-    distances = np.linalg.norm(survey.center_m - overall.position_m, axis=1)
-    nearest = survey.center_m[distances.argmin()]
+    distance = float(np.linalg.norm(overall.position_m))
     axis = _half_axis() * float(np.sqrt(np.linalg.eigvalsh(overall.position_covariance_m2)[-1]))
     return [
-        _Window((nearest + overall.position_m) / 2, 0.8 * float(distances.min())),
+        _Window(overall.position_m / 2, 0.8 * distance),
         _Window(overall.position_m, 8.0 * axis, overall.position_m, 1e3, "mm from the source"),
     ]
 
@@ -247,7 +244,7 @@ def error_ellipse(
     return Ellipse((center[0], center[1]), size[1], size[0], angle=angle, fill=False, edgecolor=color, linewidth=width)
 
 
-_MAP = "The source in plan and in profile, with ellipses that hold 95 %; the array, or its track, for scale. "
+_MAP = "The source in plan and in profile, with ellipses that hold 95 %; the array for scale. "
 _MAGNIFIED = "Below, magnified, the source of all samples together among those of single samples."
 _SPECTRUM = "Power of all readings over that of their noise, background taken off; dashed what chance reaches."
 

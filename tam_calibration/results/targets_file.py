@@ -225,4 +225,4 @@ def _sample(survey: Survey, index: int) -> dict[str, Any]:
     sample = {"time_s": float(survey.time_s[index]), "status": status}
     if not solutions.is_located[index]:
         return sample
-    return {**sample, **_source(solutions, index), "array_center_m": survey.center_m[index].tolist()}
+    return {**sample, **_source(solutions, index)}

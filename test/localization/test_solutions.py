@@ -43,20 +43,20 @@ def test_nothing_located_is_refused_with_the_most_common_reason():
     solutions = EulerSolutions.refused(4, Status.NO_FIELD)
     solutions.status[0] = Status.AMBIGUOUS
     with pytest.raises(Refused, match="in 3 of 4 samples the field of the source is zero"):
-        Survey(WORLD_FRAME, np.arange(4.0), solutions, np.zeros((4, 3)))
+        Survey(WORLD_FRAME, np.arange(4.0), solutions)
 
 
 def test_a_single_sample_is_refused_by_its_own_reason():
     """It is not told as one of one."""
     with pytest.raises(Refused, match="in the sample the gradient tensor is zero"):
-        Survey(WORLD_FRAME, np.zeros(1), EulerSolutions.refused(1, Status.NO_GRADIENT), np.zeros((1, 3)))
+        Survey(WORLD_FRAME, np.zeros(1), EulerSolutions.refused(1, Status.NO_GRADIENT))
 
 
 def test_refusals_are_counted_by_their_reason():
     """Samples that were located are none."""
     solutions = EulerSolutions.refused(5, Status.UNCERTAIN)
     solutions.status[[0, 3]] = Status.LOCATED, Status.AMBIGUOUS
-    survey = Survey(WORLD_FRAME, np.arange(5.0), solutions, np.zeros((5, 3)))
+    survey = Survey(WORLD_FRAME, np.arange(5.0), solutions)
     assert survey.refusals == {Status.UNCERTAIN: 3, Status.AMBIGUOUS: 1}
 
 

@@ -30,12 +30,11 @@ def solutions(count):
 
 @pytest.fixture
 def survey():
-    """Return the survey of a track of 100 samples."""
-    center = np.outer(np.linspace(0, 6, 100), [1, 0, 0])
+    """Return the survey of 100 samples."""
     overall = Overall(
         np.array([3.0, -1, -2]), np.diag([1e-4, 4e-4, 1e-4]), np.array([10.0, 0, 0]), np.eye(3), 295.0, 294
     )
-    return Survey(WORLD_FRAME, np.arange(100.0), solutions(100), center, overall, np.array([0, 2e-5, -4e-5]))
+    return Survey(WORLD_FRAME, np.arange(100.0), solutions(100), overall, np.array([0, 2e-5, -4e-5]))
 
 
 def test_page_is_whole_and_tells_the_source(survey, tmp_path, read_page):
@@ -53,7 +52,7 @@ def test_page_of_an_alternating_source_has_a_spectrum(tmp_path):
     frequency = np.linspace(1, 50, 500)
     power = np.where(np.abs(frequency - 10) < 0.1, 1e4, 1.0)
     line = Line(10.0, 1e-4, Spectrum(frequency, power, 6.0, 10.0, 1e-4))
-    survey = Survey(WORLD_FRAME, np.arange(12.0), solutions(12), np.zeros((12, 3)), line=line)
+    survey = Survey(WORLD_FRAME, np.arange(12.0), solutions(12), line=line)
     write_survey_report(tmp_path / "page.html", survey, "coil.csv")
     html = (tmp_path / "page.html").read_text()
     assert "<h2>Spectrum</h2>" in html and html.count("data:image/svg+xml") == 2
