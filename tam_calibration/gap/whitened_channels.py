@@ -143,18 +143,23 @@ class WhitenedChannels:
     def whitened(self, spreads_T: Sequence[FloatArray]) -> "WhitenedChannels":
         """Return the channels whitened for further noise that each sample has along one direction of the rows.
 
-        A spread (N, 3K + 1) of the rows, tesla, is a direction d of the channels; their variance along it is 1 + |d|².
+        A spread (N, 3K + 1) of the rows, tesla, is a direction d of the channels. It adds d dᵀ to their covariance, for
+        which (1 + d dᵀ)^(-1/2) whitens them, and the directions of further spreads.
         """
-        channels = self
-        for spread in spreads_T:
-            along, common_T = spread[:, :-1] @ self.directions, np.sum(self.row_direction * spread, axis=1)
-            differential, residual_T = channels.differential, channels.intensity_residual_T
-            off = np.sum(along * differential, axis=1) + self.precision * common_T * residual_T
+        differential, residual_T = self.differential, self.intensity_residual_T
+        waiting: list[tuple[FloatArray, FloatArray]] = [
+            (one[:, :-1] @ self.directions, np.sum(self.row_direction * one, axis=1)) for one in spreads_T
+        ]
+        while waiting:
+            (along, common_T), *waiting = waiting
             root = np.sqrt(1 + np.sum(along**2, axis=1) + self.precision * common_T**2)
-            taken = off / (root * (1 + root))
-            differential, residual_T = differential - taken[:, None] * along, residual_T - taken * common_T
-            channels = replace(channels, differential=differential, intensity_residual_T=residual_T)
-        return channels
+            white = [(differential, residual_T), *waiting]
+            for index, (own, own_T) in enumerate(white):
+                off = np.sum(along * own, axis=1) + self.precision * common_T * own_T
+                taken = off / (root * (1 + root))
+                white[index] = own - taken[:, None] * along, own_T - taken * common_T
+            (differential, residual_T), *waiting = white
+        return replace(self, differential=differential, intensity_residual_T=residual_T)
 
     @property
     def row_direction(self) -> FloatArray:

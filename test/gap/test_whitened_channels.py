@@ -45,18 +45,21 @@ def test_channels_are_those_of_a_dense_construction(run, dense, sensors, has_sca
     assert_allclose(channels.coupling + channels.precision[:, None, None] * own, information, rtol=1e-6, atol=1e9)
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("has_scalar", [True, False])
 @pytest.mark.parametrize("sensors", [2, 4])
-def test_noise_along_a_direction_of_each_sample_is_whitened(run, sensors, has_scalar):
-    """The energy is that of the inverse covariance 1 + d dᵀ of each sample, with d what the spread does to it."""
+def test_noise_along_directions_of_each_sample_is_whitened(run, sensors, has_scalar, count):
+    """The energy is that of the inverse covariance 1 + Σ d dᵀ of each sample, with d what each spread does to it."""
     channels = run(50, sensors, has_scalar).channels()
-    spread = np.random.default_rng(4).normal(0, 5e-9, (50, 3 * sensors + 1))
+    spreads = np.random.default_rng(4).normal(0, 5e-9, (count, 50, 3 * sensors + 1))
     root = np.sqrt(channels.precision)
-    along = np.column_stack([spread[:, :-1] @ channels.directions, root * np.sum(channels.row_direction * spread, 1)])
     residual = np.column_stack([channels.differential, root * channels.intensity_residual_T])
-    covariance = np.eye(residual.shape[1]) + along[:, :, None] * along[:, None, :]
+    covariance = np.tile(np.eye(residual.shape[1]), (50, 1, 1))
+    for one in spreads:
+        along = np.column_stack([one[:, :-1] @ channels.directions, root * np.sum(channels.row_direction * one, 1)])
+        covariance += along[:, :, None] * along[:, None, :]
     expected = np.einsum("ni,nij,nj->n", residual, np.linalg.inv(covariance), residual)
-    assert_allclose(channels.whitened([spread]).energy_per_sample, expected, rtol=1e-6)
+    assert_allclose(channels.whitened(list(spreads)).energy_per_sample, expected, rtol=1e-6)
     assert channels.whitened([]).energy == channels.energy
 
 
