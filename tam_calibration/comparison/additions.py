@@ -15,7 +15,6 @@ G = (E |z|² + c² E z²) / 2; it is that of the AR(2) process with the poles p 
 tan(arg G) = -cot(θ) (1 - ρ²) / (1 + ρ²), which fixes c; for bands above a third of the rate it comes near.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 
 from tam_calibration.comparison.mend import Mend, NoiseTerm, slow_modes
 from tam_calibration.effects.covariates import NEIGHBOURS, Covariates
-from tam_calibration.effects.effect import FoundEffect, LinearEffect
+from tam_calibration.effects.effect import Effect, FoundEffect, LinearEffect, StreamKind
 from tam_calibration.effects.library import check_numbers, effect_named
 from tam_calibration.effects.recursions import Memory, follow
 from tam_calibration.effects.removal import agreed_field, filled
@@ -107,36 +106,6 @@ def _readings_of(decay: NDArray[np.complexfloating], rate_hz: float) -> NDArray[
     return np.asarray(np.exp(0.5j * (angle + np.angle(decay))))
 
 
-Addition = Callable[[FloatArray, Covariates], FloatArray]
-"""Returns the rows (N, 3K + 1) of the next samples with something more in them, tesla."""
-
-
-def _streamed(fitted: FittedEffect, generator: np.random.Generator) -> Addition:
-    """Return an effect for samples that arrive; one that needs those to come is refused."""
-    effect = effect_named(fitted.effect)
-    if isinstance(effect, LinearEffect):
-        return _Recursive(fitted, generator) if effect.is_causal else _FromThePast(fitted, generator)
-    assert isinstance(effect, FoundEffect)
-    if effect.stream == "of_whole":
-        raise InputError(
-            f"{fitted.effect} cannot be added to samples as they arrive, for it needs those to come: "
-            "add it to the whole recording with tam simulate --from-comparison"
-        )
-    return _Recursive(fitted, generator) if effect.stream == "of_sample" else _FromThePast(fitted, generator)
-
-
-class _Recursive:
-    """What depends on the sample itself, and on the past through recursions."""
-
-    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
-        self._fitted, self._generator, self._memory = fitted, generator, Memory()
-
-    def __call__(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        self._memory.rewind()
-        here = replace(covariates, memory=self._memory)
-        return effect_named(self._fitted.effect).add(rows_T, here, self._fitted, self._generator)
-
-
 _WINDOW = 256
 """Samples of the past from which an effect of the field's course is worked out: lags of a fifth of it have settled."""
 
@@ -148,24 +117,21 @@ a sample.
 """
 
 
-class _FromThePast:
-    """What depends on the field's course about the sample, which a polynomial extrapolates."""
-
-    def __init__(self, fitted: FittedEffect, generator: np.random.Generator) -> None:
-        self._fitted, self._generator = fitted, generator
-        self._past: Covariates | None = None
-
-    def __call__(self, rows_T: FloatArray, covariates: Covariates) -> FloatArray:
-        samples = (slice(index, index + 1) for index in range(len(rows_T)))
-        return np.concatenate([self._with(rows_T[one], covariates.take(one)) for one in samples])
-
-    def _with(self, row_T: FloatArray, sample: Covariates) -> FloatArray:
-        past = sample if self._past is None else _joined(self._past, sample.time_s, sample.field_T)
-        self._past = past.take(past.stretches[-1]).take(slice(-_WINDOW, None))
-        course = _continued(self._past)
-        nothing = np.zeros((course.sample_count, row_T.shape[1]))
-        signal = effect_named(self._fitted.effect).add(nothing, course, self._fitted, self._generator)
-        return np.asarray(row_T + signal[-1 - NEIGHBOURS // 2])
+def _add_from_the_past(
+    rows_T: FloatArray, covariates: Covariates, fitted: FittedEffect, generator: np.random.Generator
+) -> FloatArray:
+    """Return rows with an effect of the field's course about each sample, which a polynomial extrapolates."""
+    memory, rows = covariates.memory or Memory(), rows_T.copy()
+    past: Covariates | None = memory.recall(None)
+    for index in range(len(rows)):
+        sample = covariates.take(slice(index, index + 1))
+        past = sample if past is None else _joined(past, sample.time_s, sample.field_T)
+        past = past.take(past.stretches[-1]).take(slice(-_WINDOW, None))
+        course = _continued(past)
+        nothing = np.zeros((course.sample_count, rows.shape[1]))
+        rows[index] += effect_named(fitted.effect).add(nothing, course, fitted, generator)[-1 - NEIGHBOURS // 2]
+    memory.keep(past)
+    return rows
 
 
 def _joined(past: Covariates, time_s: FloatArray, field_T: FloatArray) -> Covariates:
@@ -213,20 +179,30 @@ class Additions:
     def __init__(self, mend: Mend, seed: int = 0, errors: SensorErrors | None = None) -> None:
         self._mend, self._generator = mend, np.random.default_rng(seed)
         self._errors = _errors_of(mend, errors)
+        for fitted in mend.added:
+            if _stream_of(effect_named(fitted.effect)) == "of_whole":
+                raise InputError(
+                    f"{fitted.effect} cannot be added to samples as they arrive, for it needs those to come: "
+                    "add it to the whole recording with tam simulate --from-comparison"
+                )
         self._begin()
 
     def _begin(self) -> None:
         """Begin a run."""
         self._newest_s = -np.inf
-        noise, *own = self._generator.spawn(1 + len(self._mend.added))
-        of_field: list[Addition] = []
-        of_reading: list[Addition] = []
-        pairs = zip(self._mend.added, own, strict=True)
-        for fitted, generator in sorted(pairs, key=lambda pair: effect_named(pair[0].effect).output_stage):
-            is_of_field = isinstance(effect_named(fitted.effect), LinearEffect)
-            (of_field if is_of_field else of_reading).append(_streamed(fitted, generator))
-        stream = NoiseStream(self._mend, noise)
-        self._steps = [*of_field, lambda rows, covariates: rows + stream.drawn(covariates.time_s), *of_reading]
+        noise, *sources = self._generator.spawn(1 + len(self._mend.added))
+        self._noise, self._memory = NoiseStream(self._mend, noise), Memory()
+        pairs = zip(self._mend.added, sources, strict=True)
+        self._effects = sorted(pairs, key=lambda pair: effect_named(pair[0].effect).output_stage)
+
+    def _added(self, rows_T: FloatArray, covariates: Covariates, is_of_field: bool) -> FloatArray:
+        """Return the rows with the effects of the field in them, or with those of the readings."""
+        for fitted, source in self._effects:
+            effect = effect_named(fitted.effect)
+            if isinstance(effect, LinearEffect) == is_of_field:
+                add = effect.add if _stream_of(effect) == "of_sample" else _add_from_the_past
+                rows_T = add(rows_T, covariates, fitted, source)
+        return rows_T
 
     def __call__(
         self,
@@ -277,11 +253,11 @@ class Additions:
         if not np.isfinite(self._newest_s):
             self._first_s = float(batch.time_s[0])
         self._newest_s = float(batch.time_s[-1])
-        covariates = _covariates(self._mend, batch, self._errors, self._first_s)
-        rows = _rows(batch)
+        self._memory.rewind()
+        covariates = _covariates(self._mend, batch, self._errors, self._first_s, self._memory)
         try:
-            for step in self._steps:
-                rows = step(rows, covariates)
+            rows = self._added(_rows(batch), covariates, is_of_field=True)
+            rows = self._added(rows + self._noise.drawn(covariates.time_s), covariates, is_of_field=False)
         except KeyError as missing:
             raise InputError(f"the mend has an effect that needs the value {missing}") from None
         made = with_rows(batch, rows)
@@ -319,6 +295,14 @@ def mended(recording: Recording, mend: Mend, seed: int, errors: SensorErrors | N
     return with_rows(recording, add_effects(rows, covariates, mend.added, own, "reading"))
 
 
+def _stream_of(effect: Effect) -> StreamKind:
+    """Return how an effect is added to samples as they arrive."""
+    if isinstance(effect, LinearEffect):
+        return "of_sample" if effect.is_causal else "of_course"
+    assert isinstance(effect, FoundEffect)
+    return effect.stream
+
+
 def _errors_of(mend: Mend, errors: SensorErrors | None) -> SensorErrors:
     """Return the errors of the simulation's sensors, for which the numbers of all effects must make sense."""
     array = mend.calibration.array
@@ -346,11 +330,13 @@ def _check(mend: Mend, recording: Recording) -> None:
                 raise InputError(f"{fitted.effect} follows the {words}: give {channel} of the simulation")
 
 
-def _covariates(mend: Mend, recording: Recording, errors: SensorErrors, first_s: float) -> Covariates:
+def _covariates(
+    mend: Mend, recording: Recording, errors: SensorErrors, first_s: float, memory: Memory | None = None
+) -> Covariates:
     """Return what the effects follow, in a run whose first sample had the time ``first_s``."""
     array = mend.calibration.array
     field = agreed_field(recording.readings_T, errors, array)
-    return replace(Covariates.of(recording, field, errors, array), time_s=recording.time_s - first_s)
+    return replace(Covariates.of(recording, field, errors, array), time_s=recording.time_s - first_s, memory=memory)
 
 
 def _rows(recording: Recording) -> FloatArray:
