@@ -24,7 +24,7 @@ from tam_calibration.effects.term import Coefficient, Term
 from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.gap.hypothesis import Part
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.regression import VISIBLE, Base, pseudo_inverse
+from tam_calibration.gap.regression import VISIBLE, Base
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.whitened_channels import WhitenedChannels
 from tam_calibration.model.fitted_effect import ALL, FittedEffect, Shape
@@ -174,7 +174,7 @@ class Joint:
         """What the effects' uncertainty adds to the covariance (12 K, 12 K) of errors in the first sensor's frame."""
         if not self.model.parts:
             return np.zeros((self.model.errors.to_vector().size,) * 2)
-        shift = pseudo_inverse(self._nominal.information) @ self._channels.cross(self._nominal.designs[0], self._design)
+        shift = self._nominal.inverse @ self._channels.cross(self._nominal.designs[0], self._design)
         return self._of_errors(-shift, self._covariance)
 
     @cached_property

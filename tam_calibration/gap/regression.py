@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.effects.term import Term
 from tam_calibration.gap.nominal import prior_at
 from tam_calibration.gap.regressors import Regressors
@@ -25,22 +26,6 @@ the energy that a fit leaves which explains all."""
 
 VISIBLE = 1e-5
 """Part of a column's information that must remain after the calibration is eliminated."""
-
-
-def pseudo_inverse(information: FloatArray, relative: float = _ROUNDING) -> FloatArray:
-    """Return the inverse of an information matrix within the directions that the data determine.
-
-    Parameters
-    ----------
-    information : (P, P) array
-        Symmetric, positive semidefinite.
-    relative : float
-        Eigenvalues below this part of the largest count as zero, after scaling to a unit diagonal.
-    """
-    size = _units(np.diag(information))
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    kept = values > relative * max(values[-1], np.finfo(float).tiny)
-    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(size, size))
 
 
 def _units(diagonal: FloatArray) -> FloatArray:
@@ -133,6 +118,8 @@ class Base:
     ----------
     inverse : (P, P) array
         Of the information, within the directions that the data determine.
+    rank : int
+        Number of these directions.
     """
 
     def __init__(self, channels: WhitenedChannels, designs: Sequence[Regressors]) -> None:
@@ -148,7 +135,9 @@ class Base:
         self.prior_weight = max(1.0, channels.energy / max(channels.count, 1.0))
         information[:own, :own] += self.prior_weight * prior.information
         self._score[:own] += self.prior_weight * prior.score
-        self.inverse = pseudo_inverse(information)
+        white = whitening(information, _ROUNDING)
+        self.inverse: FloatArray = white @ white.T
+        self.rank = int(white.shape[1])
         self.step = self.inverse @ self._score
         self.information = information
         self.fall = float(self._score @ self.step)
@@ -170,20 +159,10 @@ class Base:
         )
 
     @cached_property
-    def rank(self) -> int:
-        """Number of directions that the base fits."""
-        return _rank(self.information)
-
-    @cached_property
     def calibration_rank(self) -> int:
         """Number of directions that the calibration alone fits."""
         width = self.designs[0].width
-        return _rank(self.information[:width, :width])
-
-
-def _rank(information: FloatArray) -> int:
-    size = _units(np.diag(information))
-    return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=_ROUNDING * len(size), hermitian=True))
+        return int(whitening(self.information[:width, :width], _ROUNDING).shape[1])
 
 
 def twice_log_likelihood_ratio(energy: float, gain: Numbers, count: float) -> Numbers:

@@ -12,6 +12,7 @@ from operator import add
 
 import numpy as np
 
+from tam_calibration.core.least_squares import whitening
 from tam_calibration.effects.covariates import Covariates
 from tam_calibration.effects.effect import Effect, Finding, FoundEffect, LinearEffect
 from tam_calibration.effects.grades import MOST, NEARLY_ALL, SLIGHT
@@ -22,7 +23,7 @@ from tam_calibration.gap.floor import floor_of
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, best_form, refined
 from tam_calibration.gap.laws.signature import Law
 from tam_calibration.gap.model import Model
-from tam_calibration.gap.regression import VISIBLE, Base, pseudo_inverse, twice_log_likelihood_ratio
+from tam_calibration.gap.regression import VISIBLE, Base, twice_log_likelihood_ratio
 from tam_calibration.gap.regressors import Regressors
 from tam_calibration.gap.result import Considered, Size
 from tam_calibration.gap.whitened_channels import WhitenedChannels
@@ -190,7 +191,8 @@ def held_out_energy(channels: WhitenedChannels, designs: Sequence[Regressors], i
     energy = []
     for test in parts:
         train = whole - test
-        step = pseudo_inverse(train.information, VISIBLE) @ train.score
+        white = whitening(train.information, VISIBLE)
+        step = white @ (white.T @ train.score)
         energy.append(test.energy - 2 * step @ test.score + step @ test.information @ step)
     return np.array(energy)
 

@@ -10,7 +10,16 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
-from tam_calibration.core.least_squares import Elimination, Normal, gram, ridged, root_of, scaled, solve_damped
+from tam_calibration.core.least_squares import (
+    Elimination,
+    Normal,
+    gram,
+    ridged,
+    root_of,
+    scaled,
+    solve_damped,
+    whitening,
+)
 from tam_calibration.model.sensor_errors import SensorErrors
 
 
@@ -253,3 +262,26 @@ def test_what_is_exact_has_no_part_in_the_root_of_a_covariance(seed):
     root = root_of(mixing @ mixing.T)
     assert (root[[1, 4]] == 0).all()
     assert_allclose(root @ root.T, mixing @ mixing.T, rtol=1e-6, atol=1e-24)
+
+
+def test_whitening_knows_no_units():
+    """Columns in other units give the same directions in other units; an open direction stays open."""
+    matrix = np.random.default_rng(1).normal(size=(30, 4))
+    matrix[:, 3] = matrix[:, 0] + matrix[:, 1]
+    information, unit = matrix.T @ matrix, np.array([1e-9, 1.0, 1e6, 1e-3])
+    white, other = whitening(information, 1e-9), whitening(information * np.outer(unit, unit), 1e-9)
+    assert white.shape == other.shape == (4, 3)
+    assert_allclose(white.T @ information @ white, np.eye(3), atol=1e-9)
+    fitted, again = (columns @ columns.T for columns in (matrix @ white, (matrix * unit) @ other))
+    assert_allclose(fitted @ fitted, fitted, atol=1e-9)
+    assert_allclose(again, fitted, atol=1e-9)
+
+
+def test_a_column_without_information_is_in_no_white_direction():
+    """A feature that is zero everywhere divides by nothing, and gets a coefficient of zero."""
+    matrix = np.random.default_rng(1).normal(size=(40, 13))
+    matrix[:, 6] = 0
+    white, others = whitening(matrix.T @ matrix, 1e-9), np.arange(13) != 6
+    assert not white[6].any()
+    inverse = np.linalg.pinv(matrix[:, others].T @ matrix[:, others])
+    assert_allclose((white @ white.T)[others][:, others], inverse, rtol=1e-9)
