@@ -9,7 +9,7 @@ from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.exceptions import sensors_in_words
 from tam_calibration.model.units import for_people, to_nanotesla
 from tam_calibration.report.blocks import Block, Table, Text, join, number, sentence, with_error
-from tam_calibration.report.gap_rows import closed_words, law_sentence, number_rows, percent, valued
+from tam_calibration.report.gap_rows import closed_words, law_sentence, number_rows, percent, size_rows, valued
 
 VERDICTS = {"same": "The same", "differs": "Different", "not_identifiable": "Cannot be told"}
 
@@ -209,13 +209,9 @@ def _colour(noise: AxisNoise) -> str:
 
 def _closing_rows(closing: result.Closing) -> list[list[str]]:
     """Return the gap before and after the mend in noise floors, nT, nT/m and metres."""
-    sizes = [
-        ("in noise floors", closing.before, closing.after),
-        ("at one axis of a sensor (nT)", to_nanotesla(closing.before_T), to_nanotesla(closing.after_T)),
-        ("gradient tensor (nT/m)", to_nanotesla(closing.before_T_per_m), to_nanotesla(closing.after_T_per_m)),
-        ("source error foretold wrongly by (m)", closing.source_error_before_m, closing.source_error_after_m),
-    ]
-    return [[name, number(before), number(after)] for name, before, after in sizes if math.isfinite(before)]
+    before_m, after_m = closing.source_error_before_m, closing.source_error_after_m
+    foretold = ["source error foretold wrongly by (m)", number(before_m), number(after_m)]
+    return [*size_rows(closing), *([foretold] if math.isfinite(before_m) else [])]
 
 
 def _source_rows(closing: result.Closing) -> list[list[str]]:

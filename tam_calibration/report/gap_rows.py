@@ -128,16 +128,20 @@ def unseen_words(gap: Gap) -> list[str]:
     return [words]
 
 
-def _size_table(size: Size) -> Table:
-    """Return the size before and after, in noise floors, nT and nT/m."""
-    at_axis = (number(to_nanotesla(value)) for value in (size.before_T, size.after_T, size.floor_T))
-    rows = [
-        ["in noise floors", number(size.before), number(size.after), "1"],
-        ["at one axis of a sensor (nT)", *at_axis],
+def size_rows(size: Size) -> list[list[str]]:
+    """Return a gap before and after in noise floors, nT and nT/m, as far as they are known."""
+    sizes = [
+        ("in noise floors", size.before, size.after),
+        ("at one axis of a sensor (nT)", to_nanotesla(size.before_T), to_nanotesla(size.after_T)),
+        ("gradient tensor (nT/m)", to_nanotesla(size.before_T_per_m), to_nanotesla(size.after_T_per_m)),
     ]
-    if math.isfinite(size.before_T_per_m):
-        gradients = (number(to_nanotesla(value)) for value in (size.before_T_per_m, size.after_T_per_m))
-        rows.append(["gradient tensor (nT/m)", *gradients, ""])
+    return [[name, number(before), number(after)] for name, before, after in sizes if math.isfinite(before)]
+
+
+def _size_table(size: Size) -> Table:
+    """Return the size before and after, and the noise floor."""
+    floors = ("1", number(to_nanotesla(size.floor_T)), "")
+    rows = [[*row, floor] for row, floor in zip(size_rows(size), floors, strict=False)]
     return Table(("size of the gap, out of sample", "before", "after its causes are added", "noise floor"), rows)
 
 
