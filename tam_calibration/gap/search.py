@@ -156,12 +156,13 @@ def _times_of(law: Law) -> Times:
 def candidates(base: Base, offers: Sequence[Evidence], law: Signature) -> list[Evidence]:
     """Return the first of some offers that may explain a law, each effect once.
 
-    A special case of an offer comes in its place or, where it explains less, before it.
+    A plausible special case of an offer comes in its place or, where it explains less, before it.
     """
-    pairs = [(special_case(offer, offers), offer) for offer in offers[:4]]
+    plausible = [one for one in offers if is_plausible(base, one, law)]
+    pairs = [(special_case(offer, plausible), offer) for offer in offers[:4]]
     more = [offer for special, offer in pairs if special.gain < NEARLY_ALL * offer.gain]
     chosen = {one.effect: one for one in (*(special for special, _ in pairs), *more)}
-    return [one for one in chosen.values() if is_plausible(base, one, law)]
+    return [one for one in chosen.values() if one in plausible]
 
 
 def is_plausible(base: Base, offer: Evidence, law: Signature) -> bool:

@@ -135,6 +135,17 @@ def test_a_special_case_that_explains_less_comes_before_the_general_effect(monke
     assert [one.effect for one in candidates(None, [general, special], None)] == tried
 
 
+def test_a_special_case_beyond_nature_takes_no_place(monkeypatch):
+    """Eddy currents are offered where a field of the vehicle that explains as much would be too large."""
+    special, general = (
+        SimpleNamespace(effect="platform_field", gain=99),
+        SimpleNamespace(effect="eddy_current", gain=100),
+    )
+    monkeypatch.setattr(search_module, "special_case", lambda best, others: special if special in others else best)
+    monkeypatch.setattr(search_module, "is_plausible", lambda base, one, law: one is not special)
+    assert [one.effect for one in candidates(None, [general, special], None)] == ["eddy_current"]
+
+
 def test_a_drift_of_the_scalar_is_named_where_poses_are_taken_up_again(run):
     """It is not the same at both visits to a pose, as the sensors' own differences would be."""
     made = taken_up_again(run(72), np.tile(np.arange(72), 2))
