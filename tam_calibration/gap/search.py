@@ -5,6 +5,7 @@ form.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
 from functools import reduce
 from math import exp
 from weakref import WeakKeyDictionary
@@ -91,7 +92,7 @@ class Offers:
 
         def explaining(names: Sequence[str]) -> list[Evidence]:
             found = self._examined(base, names, signature, times, steps)
-            return [one for one in found if 1 - exp(-one.gain / base.channels.count) > (1 - MINOR) * law.part]
+            return [one for one in found if _part_of(one, base) > (1 - MINOR) * law.part]
 
         proven = explaining([name for name, one in others.items() if isinstance(one, FoundEffect) and one.is_certain])
         makers = [name for name in self._effects if may_make(name, signature)]
@@ -104,24 +105,30 @@ class Offers:
         if law.found and signature.course in FREE:
             yield explaining([name for name, one in others.items() if isinstance(one, LinearEffect)])
 
-    def special_cases(self, base: Base, law: Law, accepted: Evidence) -> list[Evidence]:
-        """Return the evidence for effects that were left out and are special cases of an accepted one.
+    def special_cases(
+        self, base: Base, general: str, law: Signature, times: Times, are_left_out: bool
+    ) -> list[Evidence]:
+        """Return the evidence for special cases of an effect.
 
         Parameters
         ----------
         base : Base
-            Of the model without the accepted effect.
-        law : Law
+            Of the model without the effect.
+        general : str
+            Name of the effect.
+        law : Signature
             That it explains.
-        accepted : Evidence
-            For the accepted effect.
+        times : tuple of tuple of float
+            At which they may come and go, seconds.
+        are_left_out : bool
+            Whether to return those that are not named as causes, in place of the others.
         """
         channels = base.channels
         found = [
-            examine(base, effect, sensors_for(effect, law.signature, base), _times_of(law))
-            for effect in self._left_out
+            examine(base, effect, sensors_for(effect, law, base), times)
+            for effect in (self._left_out if are_left_out else self._effects.values())
             if isinstance(effect, LinearEffect)
-            and effect.is_within(accepted.effect)
+            and effect.is_within(general)
             and unusable(effect, channels.recording, channels.covariates) is None
         ]
         return [one for one in found if isinstance(one, Evidence)]
@@ -251,6 +258,7 @@ class _CauseSearch:
         self._gap = whole.excess
         laws = self._laws_of(whole)
         remaining = self._explain_all(laws, set())
+        remaining = self._reconsidered(remaining)
         pair = [one for one in laws if any(found.is_of_two for found in one.found)]
         is_in_one_place = all(set(one.signature.sensors) & set(pair[0].signature.sensors) for one in pair)
         two = {_key(one) for one in pair if is_in_one_place}
@@ -308,15 +316,40 @@ class _CauseSearch:
         is_elsewhere = law.signature.is_apart_from(step.law for step in self._steps)
         return bool(self._steps) and law.signature.energy < (LEAST_SHARE if is_elsewhere else MINOR)
 
+    def _reconsidered(self, remaining: tuple[Law, ...]) -> tuple[Law, ...]:
+        """Take special cases of causes for them where they explain as much beside the others; return what remains.
+
+        A general effect takes up parts of laws whose causes are found after it.
+        """
+        for number, step in enumerate(self._steps if len(self._steps) > 1 else ()):
+            form, forms = step.accepted.form, [one.accepted.form for one in self._steps]
+            if not isinstance(form, Hypothesis):
+                continue
+            base = reduce(Model.accept, forms[:number] + forms[number + 1 :], self._nominal).base()
+            general = examine(base, form.effect, frozenset(sensors_of(places_of(form))))
+            offers = self._offers.special_cases(base, form.effect.name, step.law, (), False)
+            if isinstance(general, str) or not offers:
+                continue
+            special = special_case(general, [one for one in offers if is_plausible(base, one, step.law)])
+            forms[number] = special.form
+            left = residual_of(reduce(Model.accept, forms, self._nominal))
+            if special is not general and left.excess < residual_of(self._model).excess + LEAST_SHARE * self._gap:
+                self._steps[number] = replace(step, accepted=special, law=step.law.as_made_by(special.effect))
+                self._model = left.model
+                keys = {_key(one) for one in remaining}
+                remaining = tuple(one for one in self._laws_of(left) if _key(one) in keys)
+        return remaining
+
     def _explain(self, law: Law, others: Sequence[Law]) -> Residual | None:
         """Accept the first effect that leaves nothing of a law; return what it leaves, or None without one."""
-        base = self._model.base()
+        base, first = self._model.base(), None
         for offers in self._offers.of(base, law, self._steps):
             possible = candidates(base, offers, law.signature)
+            first = first or max(filter(_is_bound, possible), key=lambda one: one.gain, default=None)
             for number, one in enumerate(possible):
                 if (left := self._left_by([one], law, others)) is not None:
                     rest = [*possible[number + 1 :], *_at_times_of(one, offers)]
-                    rest += self._offers.special_cases(base, law, one)
+                    rest += self._offers.special_cases(base, one.effect, law.signature, _times_of(law), True)
                     as_good = [
                         other.effect
                         for other in rest
@@ -329,6 +362,31 @@ class _CauseSearch:
                     chain.append(again)
                     if (left := self._left_by(chain, law, others)) is not None:
                         return self._accept(chain, left, law, ())
+        return self._explain_by_two(first, law, others) if first else None
+
+    def _explain_by_two(self, first: Evidence, law: Law, others: Sequence[Law]) -> Residual | None:
+        """Accept an effect and one of the law that it leaves, where they leave nothing of a law with a free course.
+
+        Such a course imitates the sum of what two effects do to a sensor. Effects that are free in time imitate others.
+        """
+        is_large = _part_of(first, self._model.base()) > NOTABLE * law.part
+        is_free = bool(law.found) and law.signature.course in FREE and not law.signature.is_common
+        if not (is_large and is_free) or len(self._steps) + 2 > MOST_CAUSES:
+            return None
+        model = self._with([first])
+        beside = residual_of(model)
+        second = next((one for one in self._laws_of(beside) if one.found), None)
+        part = 0.0 if second is None else second.signature.energy / law.signature.energy
+        if second is None or _key(second) == _key(law) or not MINOR <= part <= 1 - NOTABLE:
+            return None
+        steps = [*self._steps, Step(first, law.signature)]
+        offers = next(self._offers.of(model.base(), second, steps))
+        for one in candidates(model.base(), offers, second.signature):
+            if not _is_bound(one) or one.effect == first.effect:
+                continue
+            if (left := self._left_by([first, one], law, others)) is not None:
+                self._accept([first], beside, law, ())
+                return self._accept([one], left, second, ())
         return None
 
     def _left_by(self, chain: Sequence[Evidence], law: Law, others: Sequence[Law]) -> Residual | None:
@@ -341,7 +399,9 @@ class _CauseSearch:
         channels, part = model.base().channels, model.parts[-1]
         if not part.effect.is_natural(channels.covariates, part.fitted(part.terms(channels))):
             return None
-        is_gone = self._is_gone(law, others, left) and not _is_open_at_poses(part.effect, self._model, model)
+        is_gone = self._is_gone(law, others, left, part.effect.name) and not _is_open_at_poses(
+            part.effect, self._model, model
+        )
         return left if is_gone else None
 
     def _takes_law(self, form: Finding, law: Law) -> bool:
@@ -367,13 +427,15 @@ class _CauseSearch:
         """Return the model with further causes."""
         return reduce(Model.accept, (one.form for one in chain), self._model)
 
-    def _is_gone(self, law: Law, others: Sequence[Law], left: Residual) -> bool:
-        """Say whether a model leaves too little of a law; less than most of one that predicts nothing.
+    def _is_gone(self, law: Law, others: Sequence[Law], left: Residual, effect: str) -> bool:
+        """Say whether a model with an effect leaves too little of a law; less than most of one that predicts nothing.
+
+        A free course that only imitates what the effect does predicts what the model of the effect is off, too.
 
         Such a law is left by a model that explains less than half of its energy.
         """
         if law.found:
-            return law.is_gone_from(left, others)
+            return law.is_gone_from(left, others, LEAST_SHARE if makes(effect, law.signature) else MINOR)
         if law.whole is not None and law.whole.excess - left.excess < (1 - MOST) * law.signature.energy * self._gap:
             return False
         sensors = set(law.signature.sensors)
@@ -393,6 +455,16 @@ class _CauseSearch:
         if isinstance(again, str) or again.delta_bic < LEAST_EVIDENCE or not is_new(again, steps, base):
             return None
         return again if is_plausible(base, again, law.signature) else None
+
+
+def _part_of(one: Evidence, base: Base) -> float:
+    """Return the part of the residual's energy, with that of the noise, that an effect explains."""
+    return 1 - exp(-one.gain / base.channels.count)
+
+
+def _is_bound(one: Evidence) -> bool:
+    """Say whether an effect is a function of what was recorded, and not of any time."""
+    return isinstance(one.form, Hypothesis) and not one.form.effect.is_free_in_time
 
 
 _Key = tuple[str, Place]

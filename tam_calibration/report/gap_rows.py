@@ -280,7 +280,7 @@ def _course(law: Signature) -> str:
     if law.course == "channel":
         return f" with the recorded {law.follows}"
     if law.course == "tone":
-        return f" with a tone of {law.follows}"
+        return f" with a tone of {law.follows}" if law.follows else " with a tone"
     return {
         "slow": " slowly",
         "step": " in steps",

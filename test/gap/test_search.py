@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.effects.effect import Contribution, Finding, FittedEffect
@@ -124,6 +125,25 @@ def test_what_the_readings_prove_is_tried_first(run):
     model = Model.nominal(made.recording, made.array)
     offers = next(Offers(model, (), lambda *_: None).of(model.base(), law, ()))
     assert offers[0].effect == "saturation"
+
+
+@pytest.mark.parametrize("bend", [6e-3, 1e-2])
+def test_two_effects_that_look_like_a_free_gain_are_named(run, bend):
+    """A sensor whose gain follows the temperature, and whose axis is bent: neither leaves little of the law."""
+    made = run(900)
+    recording = made.recording
+    warmth = lfilter([0.02], [1, -0.98], recording.temperature_C - recording.temperature_C[0])
+    field = made.errors.restore(recording.readings_T)[:, 0]
+    generator = np.random.default_rng(1)
+    added = np.zeros((900, made.row_count))
+    added[:, :3] = warmth[:, None] * (3e-9 * generator.normal(size=3) + 1e-4 * generator.normal(size=3) * field)
+    added[:, 0] += bend * (7e-5 * np.tanh(field[:, 0] / 7e-5) - field[:, 0])
+    gap = diagnose(made.with_added(added).recording, made.array)
+    assert gap.verdict == "explained"
+    assert {(one.fitted.effect, one.sensors) for one in gap.causes} == {
+        ("temperature_drift", (1,)),
+        ("nonlinearity", (1,)),
+    }
 
 
 @pytest.mark.parametrize(("gain", "tried"), [(99.0, ["time_skew"]), (80.0, ["time_skew", "eddy_current"])])

@@ -61,7 +61,7 @@ class Law:
             for times in change_times(one.alike(whole), one.best.pattern, whole.scaled(one.residual.noise**-0.5))
         )
 
-    def is_gone_from(self, residual: Residual, others: Sequence["Law"]) -> bool:
+    def is_gone_from(self, residual: Residual, others: Sequence["Law"], part: float = LEAST_SHARE) -> bool:
         """Say whether the residual of a model with one more cause has too little of the law for a law of its own.
 
         Of a law that follows a channel or a tone, which few causes do, it may have more.
@@ -72,11 +72,13 @@ class Law:
             Of the model with the cause.
         others : sequence of Law
             Laws beside this one, which are taken off before.
+        part : float
+            Part that may be left of a law.
         """
         for one in (found for law in others for found in law.found):
             residual = residual.without(one.signal(residual, one.alike(residual)))
         left = sum(one.left_in(residual) for one in self.found)
-        part = NOTABLE if self.signature.course in ("channel", "tone") else LEAST_SHARE
+        part = NOTABLE if self.signature.course in ("channel", "tone") else part
         return left < max(part * sum(one.predicted for one in self.found), LEAST_EVIDENCE)
 
 
