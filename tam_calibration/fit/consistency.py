@@ -58,7 +58,8 @@ class _Parts:
 
     def _describe(self, part: int) -> str:
         residual_nT = to_nanotesla(float(self.residual_T[part]))
-        return f"{rounded(residual_nT, 3)} nT between {self.start_s[part]:.1f} and {self.end_s[part]:.1f} s"
+        first_s, last_s = (float(one[part] - self.start_s[0]) for one in (self.start_s, self.end_s))
+        return f"{rounded(residual_nT, 3)} nT between {first_s:.1f} and {last_s:.1f} s"
 
 
 def require_one_calibration(recording: SampleSource, calibration: Calibration) -> None:

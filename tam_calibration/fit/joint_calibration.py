@@ -283,7 +283,7 @@ def _with_prior(recording: SampleSource, array: Array, used: Known) -> JointCali
             break
         factors = reduce(VarianceFactors.at_least, before, last.at_least(factors))
     if updated.refusal is not None:
-        since_s = updated.recording.time_span_s[0]
+        since_s = updated.recording.time_span_s[0] - recording.time_span_s[0]
         raise Refused(f"something moved at {since_s:.1f} s, and {updated.refusal}") from updated.refusal
     fit = partial(maximum_a_posteriori, known=updated.known)
     with _naming_changes(updated.moved):

@@ -295,6 +295,6 @@ def _no_verdict(recording: Recording, reason: str, why: str = "there is no calib
         {},
         f"Record {2 * needed_samples(recording.sensor_count)} samples or more while turning the array through all "
         "attitudes.",
-        f"No verdict on the time from {first:.1f} to {last:.1f} s: {reason}.",
+        f"No verdict on the recording of {last - first:.1f} s: {reason}.",
         Residue(recording.time_s, nothing[:, :3], nothing, nothing, nothing, np.full(row_count, np.nan)),
     )

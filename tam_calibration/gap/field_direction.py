@@ -95,7 +95,7 @@ def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:
         courses.append(likeliest)
         explained = np.vstack([explained, turns.by_courses(likeliest.course(count)[None])[0]])
     sizes = np.linalg.lstsq(explained.T, turns.columns[-1], rcond=None)[0][len(turns.columns) - 1 :].reshape(-1, 3)
-    time_s = path.time_s[:: path.stride]
+    time_s = path.time_s[:: path.stride] - path.time_s[0]
     changes = []
     for one, size in zip(courses, sizes, strict=True):
         last = one.first + one.length - 1

@@ -386,6 +386,5 @@ def without_calibration(recording: Recording, objection: str | None) -> str:
         require_one_sphere(recording)
     except Refused as problem:
         return str(problem)
-    first, last = recording.time_span_s
     best = "" if objection is None else f": the one that fits best has {objection}"
-    return f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s{best}"
+    return f"no calibration that sensors can have fits the readings{best}"

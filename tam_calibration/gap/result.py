@@ -246,6 +246,11 @@ class Gap:
         return len(self.residue.floor_T) // 3
 
     @property
+    def start_s(self) -> float:
+        """Time stamp of the first sample, from which sentences count seconds."""
+        return float(self.residue.time_s[0])
+
+    @property
     def named(self) -> tuple[str, ...]:
         """Effects that are its causes, each once."""
         return tuple(dict.fromkeys(cause.fitted.effect for cause in self.causes))

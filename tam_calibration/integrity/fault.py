@@ -98,9 +98,12 @@ def channel(sensor: int, axis: str = "") -> str:
     return f"sensor {sensor} axis {axis}" if axis else f"sensor {sensor}"
 
 
-def between(time_s: tuple[float, float]) -> str:
-    """Return a span of time for people."""
-    return f"between {time_s[0]:.2f} and {time_s[1]:.2f} s"
+def between(time_s: tuple[float, float], whole_s: tuple[float, float]) -> str:
+    """Return a part of a recording's span of time for people, in seconds from the start."""
+    if time_s == whole_s:
+        return "throughout"
+    first_s, last_s = (one - whole_s[0] for one in time_s)
+    return f"between {first_s:.2f} and {last_s:.2f} s"
 
 
 def in_nanotesla(tesla: float) -> str:

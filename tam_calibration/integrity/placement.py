@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tam_calibration.integrity.fault import SHARED, Fault, Overview, between, channel
+from tam_calibration.integrity.fault import SHARED, Fault, Overview, channel
 from tam_calibration.model.sensor_errors import ORIENTATIONS, orientation_to_axes
 from tam_calibration.model.units import FloatArray
 
@@ -232,7 +232,7 @@ def _names(sensors: list[int]) -> str:
 def _fault(overview: Overview, sensor: int, turn: FloatArray | None, against: str) -> Fault:
     """Return a fault whose axes lie as a left-handed ``turn`` of those that they should be, where it is known."""
     way = "its axes are mirrored" if turn is None else turn_in_words(turn)
-    sentence = f"{channel(sensor + 1)} is left-handed {between(overview.time_s)}: against {against} {way}"
+    sentence = f"{channel(sensor + 1)} is left-handed throughout: against {against} {way}"
     axis = way.removeprefix("axis ")[0] if way.startswith("axis ") else ""
     return Fault("mirrored", sensor + 1, axis, overview.time_s, sentence)
 
@@ -240,7 +240,7 @@ def _fault(overview: Overview, sensor: int, turn: FloatArray | None, against: st
 def _of_either(overview: Overview, few: list[int], many: list[int]) -> Fault:
     verb = "is a mirror image" if len(few) == 1 else "are mirror images"
     sentence = (
-        f"{_names(few)} {verb} of {_names(many)} {between(overview.time_s)}: which is left-handed can be decided only "
+        f"{_names(few)} {verb} of {_names(many)} throughout: which is left-handed can be decided only "
         "with recorded attitude, or where more sensors are right"
     )
     return Fault("mirrored", None, "", overview.time_s, sentence, is_acceptable=False)

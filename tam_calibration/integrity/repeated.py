@@ -96,7 +96,7 @@ class Copies:
                 known.add(frozenset((copy, original)))
                 when = f" {pair.late} samples later" if pair.late else ""
                 sentence = (
-                    f"sensor {copy + 1} repeats sensor {original + 1}{when} {between(pair.time_s)}: "
+                    f"sensor {copy + 1} repeats sensor {original + 1}{when} {between(pair.time_s, overview.time_s)}: "
                     "it is no sensor of its own"
                 )
                 faults.append(Fault("repeated", copy + 1, "", pair.time_s, sentence))
@@ -135,8 +135,8 @@ def _axes(overview: Overview, known: set[frozenset[int]]) -> list[Fault]:
     for copy, original in np.argwhere(np.tril(np.abs(correlation) > COPIED, -1)).tolist():
         witnesses = is_flat if copy // 3 != original // 3 else np.delete(is_flat, copy // 3)
         if frozenset((copy // 3, original // 3)) not in known and not (len(witnesses) and witnesses.all()):
-            other, when = channel(original // 3 + 1, "xyz"[original % 3]), between(overview.time_s)
-            words = f"repeats {other} but for scale and offset {when}: it is no axis of its own"
+            other = channel(original // 3 + 1, "xyz"[original % 3])
+            words = f"repeats {other} but for scale and offset throughout: it is no axis of its own"
             faults.append(fault_of_axis("repeated", copy, words, overview.time_s))
     return faults
 
@@ -234,17 +234,17 @@ class FrozenAxes:
         source : SampleSource
             What was added.
         """
-        zeros = self._zero_faults()
+        zeros = self._zero_faults(source)
         constant = [run for run in self._runs() if run.value_T != 0 or run.columns[0] // 3 not in self._zeros]
         return zeros + (_frozen(_by_sensor(constant), self._step_T, source) if constant else [])
 
-    def _zero_faults(self) -> list[Fault]:
+    def _zero_faults(self, source: SampleSource) -> list[Fault]:
         faults = []
         for sensor, (count, first_s, last_s) in sorted(self._zeros.items()):
             time_s = first_s, last_s
             sentence = (
                 f"sensor {sensor + 1} reads exactly zero on all axes in {count} sample{'s' * (count > 1)} "
-                f"{between(time_s)}, which no sensor in a field does: its driver had no reading"
+                f"{between(time_s, source.time_span_s)}, which no sensor in a field does: its driver had no reading"
             )
             faults.append(Fault("zero", sensor + 1, "", time_s, sentence, may_be_effect=count < self._count))
         return faults
@@ -303,7 +303,7 @@ def _fault(run: _Run, whose: str, source: SampleSource) -> Fault:
     is_dead = run.time_s == source.time_span_s
     value = "values" if run.is_of_sensor else f"value, {in_nanotesla(run.value_T)},"
     sentence = (
-        f"{channel(sensor + 1, name)} reads the same {value} {'throughout, ' * is_dead}{between(run.time_s)}, where "
+        f"{channel(sensor + 1, name)} reads the same {value} {between(run.time_s, source.time_span_s)}, where "
         f"{whose}: it is frozen"
     )
     return Fault("frozen", sensor + 1, name, run.time_s, sentence, may_be_effect=not is_dead)

@@ -55,7 +55,7 @@ def in_other_units(overview: Overview, array: Array) -> Iterator[Fault]:
     is_apart = not usual / APART < scalar_T < usual * APART
     if is_apart and field.low_T * TURNED < usual < field.high_T * 2:
         sentence = (
-            f"the scalar reads {in_nanotesla(scalar_T)} {between(overview.time_s)}, where the sensors vary by "
+            f"the scalar reads {in_nanotesla(scalar_T)} throughout, where the sensors vary by "
             f"{in_nanotesla(usual)}: it is in another unit"
         )
         yield Fault("unit", None, "", overview.time_s, sentence)
@@ -111,7 +111,7 @@ def _against_others(spread: FloatArray, principal: FloatArray, turned_T: float) 
 def _fault(overview: Overview, sensor: int | None, axis: str, own_T: float, usual_T: float) -> Fault:
     ratio = np.log10(max(own_T, np.finfo(float).tiny) / usual_T)
     times = f"about {10.0 ** abs(round(ratio)):.7g} times too {'much' if ratio > 0 else 'little'}"
-    varies = f"varies by {in_nanotesla(own_T)} {between(overview.time_s)}, {times}: it is"
+    varies = f"varies by {in_nanotesla(own_T)} throughout, {times}: it is"
     if sensor is None:
         sentence = f"every sensor {varies} in another unit than the scalar"
         return Fault("unit", None, axis, overview.time_s, sentence)
@@ -155,8 +155,8 @@ def _at_end(overview: Overview, column: int, name: str, end_T: float, there: np.
     share, time_s = float(there.mean()), overview.recording.time_s[there]
     span = float(time_s[0]), float(time_s[-1])
     words = (
-        f"stays at its {name} reading, {in_nanotesla(end_T)}, in {share:.2g} of the samples {between(span)}: "
-        "it is saturated"
+        f"stays at its {name} reading, {in_nanotesla(end_T)}, in {share:.2g} of the samples "
+        f"{between(span, overview.time_s)}: it is saturated"
     )
     return fault_of_axis("saturated", column, words, span, "refusal" if share >= MANY_AT_END else "warning", True)
 
@@ -170,7 +170,7 @@ def in_steps(overview: Overview, array: Array) -> Iterator[Fault]:
         step = _step(row)
         if step is not None and step / np.sqrt(12) > COARSE * noise:
             words = (
-                f"reads in steps of {in_nanotesla(step)} {between(overview.time_s)}, {step / np.sqrt(12) / noise:.3g} "
+                f"reads in steps of {in_nanotesla(step)} throughout, {step / np.sqrt(12) / noise:.3g} "
                 "times the stated noise: state the noise of these readings, or leave it out"
             )
             yield fault_of_axis("quantised", column, words, overview.time_s, may_be_effect=True)
@@ -242,7 +242,7 @@ def with_stuck_bits(overview: Overview) -> Iterator[Fault]:
         if bands is not None and _is_of_converter(overview, column, part, bands):
             found.add(column)
             words = (
-                f"leaves out every second band of {in_nanotesla(bands.period_T / 2)} {between(overview.time_s)}: "
+                f"leaves out every second band of {in_nanotesla(bands.period_T / 2)} throughout: "
                 "a bit of its converter is stuck"
             )
             yield fault_of_axis("stuck_bits", column, words, overview.time_s)

@@ -49,7 +49,7 @@ def summary_blocks(comparison: result.Comparison) -> list[Block]:
 def law_blocks(comparison: result.Comparison) -> list[Block]:
     """Return the laws that one of the two has and the other lacks, whatever causes them."""
     return [
-        Text(f"Only the {name}: {law_sentence(law, side.array.sensor_count, is_caused=True)}")
+        Text(f"Only the {name}: {law_sentence(law, side.gap, is_caused=True)}")
         for name, laws in comparison.laws_of_one.items()
         for side in [getattr(comparison, name)]
         for law in laws

@@ -124,7 +124,7 @@ def _signature(view: gap_plots.GapView) -> list[Block]:
         if law.curve is not None:
             blocks += figure_blocks(
                 gap_plots.plot_course(law.curve),
-                f"Course: {law_sentence(law, view.gap.sensor_count)}",
+                f"Course: {law_sentence(law, view.gap)}",
                 "the size of the disturbance, with a band of two standard errors on either side.",
                 "no curve: noise has no course.",
             )

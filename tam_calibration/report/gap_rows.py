@@ -172,7 +172,8 @@ def where_words(gap: Gap) -> str:
     where = gap.where
     parts = [sensors_in_words(where.sensors, gap.sensor_count, where.axes)]
     if where.time_s is not None:
-        parts.append(f"from {fixed(where.time_s[0], 2)} to {fixed(where.time_s[1], 2)} s")
+        first, last = (fixed(one - gap.start_s, 2) for one in where.time_s)
+        parts.append(f"from {first} to {last} s")
     if where.frequency_hz is not None:
         parts.append(f"at {number(where.frequency_hz[0])} to {number(where.frequency_hz[1])} Hz")
     return "; ".join(parts)
@@ -235,23 +236,23 @@ _MOST_TIMES = 6
 """Times that a sentence lists."""
 
 
-def law_sentence(law: Signature, sensor_count: int, is_caused: bool = False) -> str:
+def law_sentence(law: Signature, gap: Gap, is_caused: bool = False) -> str:
     """Return a law in a sentence or two: where, what, how much, when, its share, and what it goes with.
 
     Parameters
     ----------
     law : Signature
-        Of a gap.
-    sensor_count : int
-        Number of sensors K.
+    gap : Gap
+        With the law.
     is_caused : bool
         Whether a cause of the gap was found, which may go with a channel.
     """
     does = _DOES[law.law].replace("its", "their") if len(law.sensors) > 1 and not law.is_common else _DOES[law.law]
-    words = f"{_place(law, sensor_count)}: {does}{_size(law)}{_course(law)}, {percent(law.energy)} of the gap."
+    place = _place(law, gap.sensor_count)
+    words = f"{place}: {does}{_size(law)}{_course(law, gap.start_s)}, {percent(law.energy)} of the gap."
     if not is_caused and law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
         words += " No recorded channel goes with it."
-    others = "" if law.is_common else in_words(law.places[1:], sensor_count, False)
+    others = "" if law.is_common else in_words(law.places[1:], gap.sensor_count, False)
     return words + (f" As far as the data tell it may sit in {others} instead." if others else "")
 
 
@@ -270,9 +271,9 @@ def _size(law: Signature) -> str:
     return f" by {number(to_nanotesla(span), 2)} nT"
 
 
-def _course(law: Signature) -> str:
+def _course(law: Signature, start_s: float) -> str:
     if law.course in ("step", "episodes") and law.times_s:
-        times = [f"{number(time, 4)} s" for time in law.times_s[:_MOST_TIMES]]
+        times = [f"{number(time - start_s, 4)} s" for time in law.times_s[:_MOST_TIMES]]
         more = ", …" if len(law.times_s) > _MOST_TIMES else ""
         if law.course == "step":
             return f" in {'one step' if len(law.times_s) == 1 else f'{len(law.times_s)} steps'} (at {', '.join(times)})"
@@ -320,11 +321,11 @@ def law_blocks(gap: Gap, is_short: bool = False) -> list[Block]:
     words = [causes_sentence(law, gap.named) for law in gap.signature[:1]]
     for law in gap.signature[1:]:
         causes = "" if is_short else causes_sentence(law, gap.named)
-        words.append(" ".join(filter(None, (law_sentence(law, gap.sensor_count, bool(gap.causes)), causes))))
-    left = [f"What its causes leave: {law_sentence(law, gap.sensor_count)}" for law in gap.remaining]
+        words.append(" ".join(filter(None, (law_sentence(law, gap, bool(gap.causes)), causes))))
+    left = [f"What its causes leave: {law_sentence(law, gap)}" for law in gap.remaining]
     return [*(Text(one) for one in words if one), *(Text(one, "doubt") for one in left)]
 
 
 def first_sentence(gap: Gap) -> str:
     """Return the strongest law in words; empty without one."""
-    return law_sentence(gap.signature[0], gap.sensor_count, bool(gap.causes)) if gap.signature else ""
+    return law_sentence(gap.signature[0], gap, bool(gap.causes)) if gap.signature else ""

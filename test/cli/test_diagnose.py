@@ -147,7 +147,7 @@ def test_a_place_bounds_the_field(folder, recording):
     gap = json.loads(
         diagnosed(folder, recording, options=("--place", "40.1,-105.2,2020-01-01"), scale=0.4, code=1).stdout
     )
-    assert gap["verdict"] == "not_identifiable" and "No verdict on the time from" in gap["statement"]
+    assert gap["verdict"] == "not_identifiable" and "No verdict on the recording of" in gap["statement"]
     assert "outside the 34.63 to 77.91 µT of the place's field" in gap["remarks"][0]
 
 

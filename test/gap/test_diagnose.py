@@ -163,7 +163,7 @@ def test_what_a_calibration_would_refuse_is_told_first(run, damage):
     assert gap.remarks[0] == f"tam calibrate would refuse this recording: {refusal.value}."
     if damage != "plane":
         first, last = recording.time_span_s
-        assert gap.statement.startswith(f"No verdict on the time from {first:.1f} to {last:.1f} s: ")
+        assert gap.statement.startswith(f"No verdict on the recording of {last - first:.1f} s: ")
 
 
 def test_single_readings_that_repeat_are_told_as_the_calibration_takes_them(run):

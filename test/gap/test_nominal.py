@@ -70,7 +70,7 @@ def test_one_sensor_that_hovers_has_no_verdict():
     recording, array, _ = hovering(1, tilt_deg=3)
     gap = diagnose(recording, array)
     assert gap.verdict == "not_identifiable" and gap.causes == ()
-    assert gap.statement.startswith("No verdict on the time from 0.0 to 75.0 s: the readings do not determine")
+    assert gap.statement.startswith("No verdict on the recording of 75.0 s: the readings do not determine")
 
 
 def test_an_axis_that_repeats_another_is_refused(run):

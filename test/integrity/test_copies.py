@@ -12,7 +12,7 @@ def test_a_sensor_that_repeats_another_is_named(run):
     """With whom it repeats."""
     (fault,) = run.spoiled(lambda readings: readings.__setitem__((slice(None), 1), readings[:, 0])).faults
     assert (fault.name, fault.sensor, fault.axis, fault.may_be_effect) == ("repeated", 2, "", False)
-    assert fault.sentence == "sensor 2 repeats sensor 1 between 0.00 and 14.99 s: it is no sensor of its own"
+    assert fault.sentence == "sensor 2 repeats sensor 1 throughout: it is no sensor of its own"
 
 
 @pytest.mark.parametrize("late", [1, 7, 400])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,10 @@ def at(run, first, last):
     return pytest.approx((run.recording.time_s[first], run.recording.time_s[last]), abs=1e-9)
 
 
-def test_a_frozen_sensor_is_named_with_its_times(run):
-    """From the first sample that is held to the last; a diagnosis goes on, which finds where and when too."""
+@pytest.mark.parametrize("start_s", [0.0, 1.7e9])
+def test_a_frozen_sensor_is_named_with_its_times(run, start_s):
+    """From the first sample that is held to the last; words count seconds from the start, as --from and --until do."""
+    run = replace(run, recording=replace(run.recording, time_s=run.recording.time_s + start_s))
     (fault,) = run.spoiled(lambda readings: readings.__setitem__((slice(300, 400), 2), readings[300, 2])).faults
     assert (fault.name, fault.sensor, fault.axis, fault.may_be_effect) == ("frozen", 3, "", True)
     assert fault.time_s == at(run, 300, 399)

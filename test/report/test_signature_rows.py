@@ -1,5 +1,8 @@
 """The laws of a gap in words."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -17,6 +20,7 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
     return Signature(name, course, sensors, axes, 0.93, evidence=100.0, **known)
 
 
+@pytest.mark.parametrize("start_s", [0.0, 1.7e9])
 @pytest.mark.parametrize(
     ("stated", "words"),
     [
@@ -50,9 +54,10 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
         ),
     ],
 )
-def test_a_law_in_a_sentence(stated, words):
-    """Where, what, how much, when, its share, and what it goes with."""
-    assert law_sentence(stated, 4) == words
+def test_a_law_in_a_sentence(stated, words, start_s):
+    """Where, what, how much, when from the start of the recording on, its share, and what it goes with."""
+    stated = replace(stated, times_s=tuple(start_s + time for time in stated.times_s))
+    assert law_sentence(stated, SimpleNamespace(sensor_count=4, start_s=start_s)) == words
 
 
 def test_causes_are_listed_with_their_proof():
