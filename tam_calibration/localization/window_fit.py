@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.linalg import cho_factor, cho_solve
 
 from tam_calibration.core.least_squares import scaled
 from tam_calibration.localization.line_window import Window
@@ -19,9 +18,6 @@ LEAST_FALL, ROUGH_FALL = 0.02, 1.0
 
 _FARTHEST_M, _STRONGEST_AM2, _LARGEST_ERROR = 150.0, 1e7, 30.0
 """Of dipoles from the middle of a window, of their moments, and of errors in units of their standard deviations."""
-
-_PART = 0.1
-"""Part of a step ahead at which the second derivative is measured."""
 
 UNCOVERED = 2.0
 """Mean squared residual, over a noise, from which that noise does not cover what is left: something is missing."""
@@ -169,17 +165,9 @@ def solve(window: Window, start: FloatArray, most_steps: int = _MOST_STEPS, leas
         slope = rows.T @ residual.ravel() - (precision @ (unknowns - expected))[free]
         (unit, scale), fall = scaled(normal), 0.0
         while damping < _LARGEST_DAMPING:
-            root = cho_factor(unit + damping * np.eye(len(free)))
-            full = np.zeros(len(start))
-            full[free] = cho_solve(root, slope / scale) / scale
-            step = _limited(window, unknowns, full)
-            # The second derivative along the step bends it into the valley (Transtrum and Sethna 2012, equation 5).
-            ahead = window.linearized(unknowns + _PART * step, False)[0].ravel()
-            bend = 2 / _PART**2 * (residual.ravel() - ahead - _PART * rows @ step[free])
-            curve = np.zeros(len(start))
-            curve[free] = -cho_solve(root, rows.T @ bend / scale) / scale
-            size, curved = norm(step[free] * scale), norm(curve[free] * scale)
-            tried = unknowns + step + (0.5 * curve if curved < 0.75 * size else 0)
+            step = np.zeros(len(start))
+            step[free] = np.linalg.solve(unit + damping * np.eye(len(free)), slope / scale) / scale
+            tried = unknowns + _limited(window, unknowns, step)
             reached = cost(tried)
             if reached < lowest:
                 fall, lowest, unknowns = lowest - reached, reached, tried
