@@ -20,7 +20,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import FEWEST_SAMPLES, SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import residual_series
-from tam_calibration.model.units import FloatArray, from_degrees, rounded, to_degrees, to_nanotesla
+from tam_calibration.model.units import FloatArray, from_degrees, origin_of, rounded, to_degrees, to_nanotesla
 
 SOMETHING_MAGNETIC = "something magnetic came near, or a sensor changed"
 """What is suspected of a residual that changes, as long as no diagnosis finds another cause."""
@@ -58,7 +58,7 @@ class _Parts:
 
     def _describe(self, part: int) -> str:
         residual_nT = to_nanotesla(float(self.residual_T[part]))
-        first_s, last_s = (float(one[part] - self.start_s[0]) for one in (self.start_s, self.end_s))
+        first_s, last_s = (one[part] - origin_of(self.start_s[0]) for one in (self.start_s, self.end_s))
         return f"{rounded(residual_nT, 3)} nT between {first_s:.1f} and {last_s:.1f} s"
 
 

@@ -28,7 +28,7 @@ from tam_calibration.fit.maximum_a_posteriori import (
     prior_of_tolerances,
     update_of,
 )
-from tam_calibration.fit.prior import Prior, has_date, prior_of
+from tam_calibration.fit.prior import Prior, prior_of
 from tam_calibration.fit.prior_changes import UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
 from tam_calibration.fit.reference import turning_scalar
@@ -37,7 +37,7 @@ from tam_calibration.model.exceptions import InputError, Refused, adding
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.recording import BLOCK, SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, has_date, origin_of, to_nanotesla
 
 _MOST_ROUNDS = 5
 """Of an update: the first may take what is slow for a change of the sensors. Three were the most that were needed."""
@@ -283,7 +283,7 @@ def _with_prior(recording: SampleSource, array: Array, used: Known) -> JointCali
             break
         factors = reduce(VarianceFactors.at_least, before, last.at_least(factors))
     if updated.refusal is not None:
-        since_s = updated.recording.time_span_s[0] - recording.time_span_s[0]
+        since_s = updated.recording.time_span_s[0] - origin_of(recording.time_span_s[0])
         raise Refused(f"something moved at {since_s:.1f} s, and {updated.refusal}") from updated.refusal
     fit = partial(maximum_a_posteriori, known=updated.known)
     with _naming_changes(updated.moved):

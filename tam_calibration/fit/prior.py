@@ -21,7 +21,7 @@ from tam_calibration.model.data_sheet import DAY_S, ChangeRates
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.limits import is_covariance
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, has_date
 
 
 def turned(
@@ -195,12 +195,6 @@ def prior_of(
     # A sensor 1 that turns makes all others turn in its frame.
     _, derivative = prior.in_convention(calibration.errors)
     return prior.widened(derivative, change)
-
-
-def has_date(time_s: float) -> bool:
-    """Whether a stamp counts from 1970."""
-    # Since 1970: stamps before March 1973 count from the start of a recording, not from an epoch.
-    return time_s > 1e8
 
 
 def _covariance_of(calibration: Calibration) -> FloatArray:

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tam_calibration.files.text_files import to_json, write_set
-from tam_calibration.fit.prior import has_date
 from tam_calibration.fleet.task import ANSWERS, Result
 from tam_calibration.model.data_sheet import DAY_S
-from tam_calibration.model.units import ERROR_KINDS, ErrorKind, FloatArray
+from tam_calibration.model.units import ERROR_KINDS, ErrorKind, FloatArray, has_date
 from tam_calibration.report import blocks
 from tam_calibration.report.page import COLORS, QUIET_COLOR, WIDTH_INCH, embed, in_style, new_figure, write_page
 from tam_calibration.results.results_json import attributes
@@ -136,9 +135,7 @@ class Missions:
             return ""
         if np.ptp(self.time_s) <= self.longest_s:
             return "no drift: the missions have one time"
-        # Times before 1990 count from the start of a recorder.
-        is_absolute = self.time_s.min() >= 631_152_000.0
-        return "" if is_absolute else "no drift: the times of the missions do not count from 1970"
+        return "" if has_date(self.time_s.min()) else "no drift: the times of the missions do not count from 1970"
 
     def drifts(self) -> Iterator[ParameterDrift]:
         """Yield the drift of each parameter that some mission determines."""

@@ -23,7 +23,7 @@ from tam_calibration.gap.model import Model
 from tam_calibration.gap.steps import MOST_CAUSES
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray, rounded, to_nanotesla
+from tam_calibration.model.units import FloatArray, origin_of, rounded, to_nanotesla
 
 _LENGTHS = (1, 8, 64, 512)
 """Intervals within which a field begins: at once, as an array swings, as a source is passed, slowly."""
@@ -95,7 +95,7 @@ def _changes(fit: GyroscopeFit) -> list[tuple[float, float, float]]:
         courses.append(likeliest)
         explained = np.vstack([explained, turns.by_courses(likeliest.course(count)[None])[0]])
     sizes = np.linalg.lstsq(explained.T, turns.columns[-1], rcond=None)[0][len(turns.columns) - 1 :].reshape(-1, 3)
-    time_s = path.time_s[:: path.stride] - path.time_s[0]
+    time_s = path.time_s[:: path.stride] - origin_of(path.time_s[0])
     changes = []
     for one, size in zip(courses, sizes, strict=True):
         last = one.first + one.length - 1

@@ -11,7 +11,7 @@ from tam_calibration.gap.checks import Checks
 from tam_calibration.gap.laws.law import Signature
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.model.fitted_effect import FittedEffect
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, origin_of
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "not_identifiable"]
 Status = Literal["supported", "not_supported", "not_identifiable", "channel_missing"]
@@ -246,9 +246,9 @@ class Gap:
         return len(self.residue.floor_T) // 3
 
     @property
-    def start_s(self) -> float:
-        """Time stamp of the first sample, from which sentences count seconds."""
-        return float(self.residue.time_s[0])
+    def origin_s(self) -> float:
+        """Time from which sentences count seconds."""
+        return origin_of(float(self.residue.time_s[0]))
 
     @property
     def named(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from tam_calibration.correction.acceptance import LIMITS
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused
 from tam_calibration.model.limits import LARGEST
 from tam_calibration.model.recording import SKETCH, Recording, SampleSource
-from tam_calibration.model.units import FloatArray, to_nanotesla
+from tam_calibration.model.units import FloatArray, origin_of, to_nanotesla
 
 CHANNEL_FAULTS = {
     "alternating": "a sensor that reads two courses in turn, as where two publishers send on its topic",
@@ -99,10 +99,10 @@ def channel(sensor: int, axis: str = "") -> str:
 
 
 def between(time_s: tuple[float, float], whole_s: tuple[float, float]) -> str:
-    """Return a part of a recording's span of time for people, in seconds from the start."""
+    """Return a part of a recording's span of time for people."""
     if time_s == whole_s:
         return "throughout"
-    first_s, last_s = (one - whole_s[0] for one in time_s)
+    first_s, last_s = (one - origin_of(whole_s[0]) for one in time_s)
     return f"between {first_s:.2f} and {last_s:.2f} s"
 
 

@@ -96,3 +96,13 @@ ERROR_KINDS = (
     ErrorKind("misalignment", "deg", "°", to_degrees(1.0), 5, ("α", "β", "γ"), ("alpha", "beta", "gamma")),
 )
 """The errors of a sensor in the order of their vector."""
+
+
+def has_date(time_s: float) -> bool:
+    """Whether a stamp counts from 1970: one before March 1973 counts from the start of a recording."""
+    return time_s > 1e8
+
+
+def origin_of(start_s: float) -> float:
+    """Return the time from which sentences count: the start of a recording with dates, else that of its own clock."""
+    return start_s if has_date(start_s) else 0.0

@@ -11,13 +11,13 @@ import numpy as np
 
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.correction.streaming import EffectRemoval
-from tam_calibration.fit.prior import has_date, prior_of
+from tam_calibration.fit.prior import prior_of
 from tam_calibration.live.live import ON_CHANGE, Change, Live, LiveState
 from tam_calibration.messages.point_cloud import SampleLayout
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import Recording
-from tam_calibration.model.units import FloatArray
+from tam_calibration.model.units import FloatArray, has_date
 from tam_calibration.nodes.base import OK, WARN, TamNode
 from tam_calibration.nodes.calibrated import duration
 from tam_calibration.nodes.node_parameters import Rule

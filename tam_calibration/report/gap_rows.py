@@ -172,7 +172,7 @@ def where_words(gap: Gap) -> str:
     where = gap.where
     parts = [sensors_in_words(where.sensors, gap.sensor_count, where.axes)]
     if where.time_s is not None:
-        first, last = (fixed(one - gap.start_s, 2) for one in where.time_s)
+        first, last = (fixed(one - gap.origin_s, 2) for one in where.time_s)
         parts.append(f"from {first} to {last} s")
     if where.frequency_hz is not None:
         parts.append(f"at {number(where.frequency_hz[0])} to {number(where.frequency_hz[1])} Hz")
@@ -249,7 +249,7 @@ def law_sentence(law: Signature, gap: Gap, is_caused: bool = False) -> str:
     """
     does = _DOES[law.law].replace("its", "their") if len(law.sensors) > 1 and not law.is_common else _DOES[law.law]
     place = _place(law, gap.sensor_count)
-    words = f"{place}: {does}{_size(law)}{_course(law, gap.start_s)}, {percent(law.energy)} of the gap."
+    words = f"{place}: {does}{_size(law)}{_course(law, gap.origin_s)}, {percent(law.energy)} of the gap."
     if not is_caused and law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
         words += " No recorded channel goes with it."
     others = "" if law.is_common else in_words(law.places[1:], gap.sensor_count, False)
@@ -271,9 +271,9 @@ def _size(law: Signature) -> str:
     return f" by {number(to_nanotesla(span), 2)} nT"
 
 
-def _course(law: Signature, start_s: float) -> str:
+def _course(law: Signature, origin_s: float) -> str:
     if law.course in ("step", "episodes") and law.times_s:
-        times = [f"{number(time - start_s, 4)} s" for time in law.times_s[:_MOST_TIMES]]
+        times = [f"{number(time - origin_s, 4)} s" for time in law.times_s[:_MOST_TIMES]]
         more = ", …" if len(law.times_s) > _MOST_TIMES else ""
         if law.course == "step":
             return f" in {'one step' if len(law.times_s) == 1 else f'{len(law.times_s)} steps'} (at {', '.join(times)})"

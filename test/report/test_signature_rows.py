@@ -57,7 +57,7 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
 def test_a_law_in_a_sentence(stated, words, start_s):
     """Where, what, how much, when from the start of the recording on, its share, and what it goes with."""
     stated = replace(stated, times_s=tuple(start_s + time for time in stated.times_s))
-    assert law_sentence(stated, SimpleNamespace(sensor_count=4, start_s=start_s)) == words
+    assert law_sentence(stated, SimpleNamespace(sensor_count=4, origin_s=start_s)) == words
 
 
 def test_causes_are_listed_with_their_proof():
