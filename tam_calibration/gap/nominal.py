@@ -37,7 +37,7 @@ from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import FieldBounds
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
-from tam_calibration.model.units import FloatArray, to_degrees
+from tam_calibration.model.units import FloatArray, origin_of, to_degrees
 
 
 def objection_to(errors: SensorErrors, intensity_T: float, field: FieldBounds) -> str | None:
@@ -386,5 +386,6 @@ def without_calibration(recording: Recording, objection: str | None) -> str:
         require_one_sphere(recording)
     except Refused as problem:
         return str(problem)
+    first, last = (one - origin_of(recording.time_span_s[0]) for one in recording.time_span_s)
     best = "" if objection is None else f": the one that fits best has {objection}"
-    return f"no calibration that sensors can have fits the readings{best}"
+    return f"no calibration that sensors can have fits the readings between {first:.1f} and {last:.1f} s{best}"

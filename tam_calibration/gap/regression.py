@@ -279,12 +279,12 @@ class Choice:
         return np.concatenate([self._columns[index] for index in terms])
 
     def _trimmed(self, chosen: list[int], price: float) -> Selection:
-        """Drop terms as long as the evidence is larger without them."""
+        """Drop terms as long as the evidence is larger without them, by more than what rounding makes."""
         best = self._selection(chosen, price)
         while len(best.terms) > 1:
             fewer = [[other for other in best.terms if other != term] for term in best.terms]
             rival = max((self._selection(terms, price) for terms in fewer), key=lambda one: one.delta_bic)
-            if rival.delta_bic <= best.delta_bic:
+            if rival.delta_bic <= best.delta_bic + _ROUNDING * abs(best.delta_bic):
                 break
             best = rival
         return best

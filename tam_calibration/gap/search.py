@@ -377,7 +377,7 @@ class _CauseSearch:
         beside = residual_of(model)
         second = next((one for one in self._laws_of(beside) if one.found), None)
         part = 0.0 if second is None else second.signature.energy / law.signature.energy
-        if second is None or _key(second) == _key(law) or not MINOR <= part <= 1 - NOTABLE:
+        if second is None or second.signature.course in FREE or not MINOR <= part <= 1 - NOTABLE:
             return None
         steps = [*self._steps, Step(first, law.signature)]
         offers = next(self._offers.of(model.base(), second, steps))

@@ -58,6 +58,27 @@ def test_terms_of_several_sensors_are_all_found(noise):
     assert found.terms == (0, 4, 17)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_what_one_sensor_shares_with_the_others_is_not_left_out(seed):
+    """Columns that add up to nothing, as turns of all sensors alike do: each of them may go, and none does."""
+    generator = np.random.default_rng(seed)
+    matrix = generator.normal(size=(COUNT, 4))
+    matrix -= matrix.mean(axis=1, keepdims=True)
+    observed = matrix @ generator.uniform(0.5, 2, 4) + generator.normal(size=COUNT)
+    found, _ = chosen_from(matrix, observed, terms_of([(sensor, None, "turn") for sensor in range(4)]))
+    assert found.terms == (0, 1, 2, 3) and found.rank == 3
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_of_equal_terms_the_first_is_taken(seed):
+    """A harmonic with the alias of its line explains as much, but for rounding."""
+    generator = np.random.default_rng(seed)
+    wave = generator.normal(size=COUNT)
+    matrix = np.column_stack([wave, wave * (1 + 1e-13)])
+    found, _ = chosen_from(matrix, wave + generator.normal(size=COUNT), terms_of([(0, 0, "line"), (0, 0, "harmonics")]))
+    assert found.terms == (0,)
+
+
 def test_noise_asks_for_nothing():
     """In a hundred draws of noise no selection has positive evidence but by the rarest chance."""
     positive = 0
