@@ -55,8 +55,8 @@ def quantised(readings):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (repeated, "sensor 2 repeats sensor 1 between"),
-        (mirrored, "sensor 1 is left-handed between"),
+        (repeated, "sensor 2 repeats sensor 1 throughout"),
+        (mirrored, "sensor 1 is left-handed throughout"),
         (unit, "sensor 3 axis y varies by"),
     ],
 )
