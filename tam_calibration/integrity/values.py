@@ -332,4 +332,17 @@ def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands:
     # A bit moves half of the readings by half a period, and an offset takes half of that; other errors are smaller.
     is_moved = (bands.place(predicted) > bands.filled) & (np.abs(predicted - readings[column]) > bands.period_T / 8)
     # Share of the readings that the other sensors predict to lie in the gaps: half of them for half a period.
-    return bool(inside.any()) and float(is_moved[inside].mean()) > 0.2
+    if not inside.any() or float(is_moved[inside].mean()) <= 0.2:
+        return False
+    moved_T, place = (readings[column] - predicted)[inside], bands.place(predicted[inside])
+    return _part_of_place(moved_T, place) > 0.3
+
+
+def _part_of_place(moved_T: FloatArray, place: FloatArray) -> float:
+    """Return the part of the variance of how far readings are moved that their place in the period (n,) explains.
+
+    A bit moves those at some places, which explains more than half; a jump of the bias moves those at any place.
+    """
+    part = (8 * place).astype(int).clip(0, 7)
+    mean = np.bincount(part, moved_T, minlength=8) / np.maximum(np.bincount(part, minlength=8), 1)
+    return float(np.var(mean[part]) / max(np.var(moved_T), np.finfo(float).tiny))

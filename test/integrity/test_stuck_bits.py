@@ -41,14 +41,16 @@ def test_two_bits_beside_each_other(run):
     assert run.spoiled(both).told == [("stuck_bits", 2, "x")]
 
 
-def test_visited_attitudes_leave_out_bands_too(run):
-    """Where all sensors are turned in steps the others say that the motion leaves them out."""
+@pytest.mark.parametrize("jump_T", [0.0, 4e-6])
+def test_visited_attitudes_leave_out_bands_too(run, jump_T):
+    """Where all sensors are turned in steps the others say that the motion leaves them out, also if a bias jumps."""
     rng = np.random.default_rng(3)
     levels = 1e-6 * (4 * np.arange(-12, 12)[:, None] + np.linspace(0, 1.8, 60)).ravel()
 
     def poses(readings):
         readings[:] = rng.choice(levels, (1500, 1, 1)) + 1e-5 * rng.normal(size=(1500, 1, 3)) * [0, 1, 1]
         readings += 1e-9 * rng.normal(size=readings.shape)
+        readings[750:, 1, 0] += jump_T
 
     assert [told for told in run.spoiled(poses).told if told[0] == "stuck_bits"] == []
 
