@@ -28,9 +28,9 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("turning_antenna", "working_arm"),
     *("rising_barge", "breathing_diver"),
     *("emptying_bottle", "belt_drive"),
+    "shifted_battery",
 )
 """What disturbs all sensors leaves none to another cause."""
 
