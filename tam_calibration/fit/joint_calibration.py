@@ -182,10 +182,10 @@ def _as_far_as_they_agree(
         joint = _with_motion(taken, array, used).noting(scalar.sentence)
     calibration = joint.calibration
     with suppress(InputError, Refused):
-        compared = _with_known(other, array, other_known).calibration
-        moved = calibration.errors.to_vector() - compared.errors.to_vector()
-        assert calibration.covariance is not None
-        calibration = replace(calibration, covariance=calibration.covariance + np.outer(moved, moved))
+        compared = _with_motion(other, array, other_known).calibration
+        if compared.frame == calibration.frame:
+            moved = calibration.errors.to_vector() - compared.errors.to_vector()
+            calibration = replace(calibration, covariance=calibration.covariance + np.outer(moved, moved))
     return joint._replace(calibration=calibration)
 
 

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from compasses import CROSS, circles, recorded, worst
-from swinging_circle import COUNT, RATE_HZ, made
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+from swinging_circle import COUNT, RATE_HZ, WORLD_T, attitude_at, made
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.units import from_degrees
 
 
 def read_beside(turns, seed, added_T):
@@ -94,3 +97,27 @@ def test_a_refusal_says_why_the_scalar_was_not_used():
     recording, array, _ = made(4, seed=5, added_T=near_T)
     with pytest.raises((InputError, Refused), match="the scalar follows the direction of the field"):
         calibrate(replace(recording, angular_velocity_rad_s=None), array)
+
+
+def test_an_attitude_that_is_rejected_widens_no_error_beside_a_magnet():
+    """Neither fit uses the inverse attitude, with the scalar as it is and with one that may follow the direction."""
+    turns = circles()
+    recording = replace(read_beside(turns, 1, 1.5e-9 * np.array([0.6, -0.64, 0.48])), attitude=turns.inv().as_quat())
+    rejected = calibrate(recording, replace(CROSS, attitude_noise=from_degrees(0.1)))
+    alone = calibrate(replace(recording, attitude=None), CROSS)
+    assert any("the scalar follows the direction of the field" in one for one in (*rejected.warnings, *rejected.notes))
+    assert_allclose(rejected.standard_errors, alone.standard_errors, rtol=0.01, atol=1e-15)
+
+
+def test_a_gyroscope_that_is_mounted_askew_widens_no_error_beside_a_magnet():
+    """Both fits are in the frame of the gyroscope, two degrees from that of sensor 1."""
+    recording, array, _ = made(4, count=2000)
+    field_T = attitude_at(recording.time_s, recording.time_s[-1]).inv().apply(WORLD_T)
+    askew = Rotation.from_euler("x", 2.0, degrees=True).apply(recording.angular_velocity_rad_s)
+    recording = replace(recording, angular_velocity_rad_s=askew)
+    array = replace(array, mounting_error=from_degrees(0.05))
+    magnet_T = 3e-9 * field_T[:, 0] / np.linalg.norm(field_T, axis=1)
+    beside = replace(recording, scalar_T=recording.scalar_T + magnet_T)
+    without, with_it = (calibrate(one, array) for one in (recording, beside))
+    assert any("the scalar follows the direction of the field" in one for one in (*with_it.warnings, *with_it.notes))
+    assert_allclose(with_it.standard_errors[:, 9:], without.standard_errors[:, 9:], rtol=0.05, atol=1e-9)
