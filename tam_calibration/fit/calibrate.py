@@ -6,7 +6,7 @@ The held-out residuals of a sample are those by errors that were fitted without 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.recording import FEWEST_SAMPLES, SKETCH, SampleSource
-from tam_calibration.model.sensor_errors import Residuals, measure_residuals
+from tam_calibration.model.sensor_errors import Residuals, ResidualSums, SensorErrors
 from tam_calibration.model.units import FloatArray
 
 METHODS: dict[str, Fit] = {
@@ -207,37 +207,36 @@ def held_out_residuals(
     sizes = np.bincount(fold_of, minlength=_FOLDS)
     if not sizes.all() or count - sizes.max() < 2 * FEWEST_SAMPLES:
         return None
-    held_out = [recording.take(fold_of == fold) for fold in range(_FOLDS)]
+    folds = [recording.take(fold_of == fold) for fold in range(_FOLDS)]
     try:
         if known is not None:
-            return _pool(_by_steps(held_out, array, calibration, known), sizes)
-        found = []
-        for fold, samples in enumerate(held_out):
-            fitted = fit(recording.take(fold_of != fold), array)
-            found.append(measure_residuals(fitted.errors, array, samples, fitted.intensity_T))
-        return _pool(found, sizes)
+            found = _by_steps(folds, array, calibration, known)
+        else:
+            fits = (fit(recording.take(fold_of != fold), array) for fold in range(_FOLDS))
+            found = [(one.errors, one.intensity_T) for one in fits]
+        sums = []
+        for fold, (errors, intensity_T) in zip(folds, found, strict=True):
+            # A fold between two readings of a slow scalar says nothing of the intensity.
+            is_unread = recording.scalar_count is not None and fold.scalar_count is None
+            sums.append(ResidualSums.of(errors, array, fold, np.nan if is_unread else intensity_T))
+        return reduce(ResidualSums.plus, sums).result()
     except (InputError, Refused):
         return None
 
 
-def _by_steps(folds: list[SampleSource], array: Array, calibration: Calibration, known: Known) -> list[Residuals]:
+def _by_steps(
+    folds: list[SampleSource], array: Array, calibration: Calibration, known: Known
+) -> list[tuple[SensorErrors, float]]:
+    """Return the errors and the intensity of the fit to the other folds, for each fold."""
     place = Place(calibration.errors, calibration.intensity_T)
     used, has_scalar = replace(known, start=place), any(fold.scalar_count is not None for fold in folds)
     problems = [Problem.of(fold, calibration.array, used, has_scalar) for fold in folds]
     parts = [problem.data_at(place) for problem in problems]
     whole, basis = sum(parts, problems[0].known_at(place)), problems[0].basis_at(place)
     found = []
-    for problem, fold, own in zip(problems, folds, parts, strict=True):
+    for problem, own in zip(problems, parts, strict=True):
         others = (whole - own).by(basis)
         step = newton_step(others.information, others.score)
         moved = problem.moved(place, basis @ step)
-        found.append(measure_residuals(moved.errors, array, fold, moved.intensity_T))
+        found.append((moved.errors, moved.intensity_T))
     return found
-
-
-def _pool(parts: list[Residuals], sizes: np.ndarray) -> Residuals:
-    weight = sizes / sizes.sum()
-    sensors = np.array([part.sensor_intensity_T for part in parts])
-    center = np.array([part.center_intensity_T for part in parts])
-    tensor = np.array([part.tensor_T_per_m for part in parts])
-    return Residuals(np.sqrt(weight @ sensors**2), float(np.sqrt(weight @ center**2)), np.sqrt(weight @ tensor**2))

@@ -10,6 +10,7 @@ Residuals are those in a uniform field of known intensity, and those of noise al
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import permutations, product
@@ -381,7 +382,7 @@ class ResidualSums:
     array : Array
         Geometry.
     intensity_T : float
-        Stands in where there is no scalar channel.
+        Stands in where there is no scalar channel; NaN counts no intensity there.
     """
 
     def __init__(self, errors: SensorErrors, array: Array, intensity_T: float) -> None:
@@ -391,6 +392,14 @@ class ResidualSums:
         self._offset = -self._map @ errors.bias_T.reshape(-1, 1)
         self._intensity, self._known = np.zeros(self._sensors + 1), 0
         self._tensor, self._all = np.zeros(len(TENSOR_OUTPUTS)), 0
+
+    @classmethod
+    def of(cls, errors: SensorErrors, array: Array, source: SampleSource, intensity_T: float) -> "ResidualSums":
+        """Return the sums of all samples of a recording."""
+        sums = cls(errors, array, intensity_T)
+        for block in source.blocks():
+            sums.add(block)
+        return sums
 
     def of_samples(self, block: Block | Recording) -> tuple[FloatArray, FloatArray]:
         """Return each sample's residuals: of intensities (K + 1, n), NaN without a reference, and the tensor (5, n)."""
@@ -412,6 +421,13 @@ class ResidualSums:
         self._tensor += np.einsum("cn,cn->c", tensor, tensor)
         self._all += tensor.shape[1]
 
+    def plus(self, other: "ResidualSums") -> "ResidualSums":
+        """Return the sums of the samples of both, which other errors may have corrected."""
+        total = copy(self)
+        total._intensity, total._known = self._intensity + other._intensity, self._known + other._known
+        total._tensor, total._all = self._tensor + other._tensor, self._all + other._all
+        return total
+
     def result(self) -> Residuals:
         """Return the root mean squares of what was added."""
         intensity = np.sqrt(self._intensity / self._known)
@@ -432,10 +448,7 @@ def measure_residuals(errors: SensorErrors, array: Array, source: SampleSource, 
     intensity_T : float
         Intensity of the field where there is no scalar channel, tesla.
     """
-    sums = ResidualSums(errors, array, intensity_T)
-    for block in source.blocks():
-        sums.add(block)
-    return sums.result()
+    return ResidualSums.of(errors, array, source, intensity_T).result()
 
 
 def noise_floor(errors: SensorErrors, array: KnownNoiseArray, scalar_noise_T: float) -> Residuals:

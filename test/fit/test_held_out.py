@@ -8,11 +8,11 @@ import pytest
 from moved_sensors import day_old, turn
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.calibrate import _pool, held_out_residuals
+from tam_calibration import read_scenario, simulate
+from tam_calibration.fit.calibrate import held_out_residuals
 from tam_calibration.fit.maximum_a_posteriori import maximum_a_posteriori
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.problem import Known
-from tam_calibration.model.sensor_errors import Residuals
 
 
 def residuals_of(recording, array, fit, known):
@@ -48,15 +48,20 @@ def test_a_prior_counts_in_every_fold(wu_scenario):
     are_nearly_equal(stepped, refitted)
 
 
-def test_residuals_of_folds_pool_to_those_of_all_samples():
-    """Root mean squares of 30 and 10 samples to that of 40."""
-    values = np.random.default_rng(2).normal(size=(40, 6))
-    parts = [np.sqrt(np.mean(part**2, axis=0)) for part in (values[:30], values[30:], values)]
-    first, last, whole = (Residuals(part[:2], float(part[2]), part[3:]) for part in parts)
-    pooled = _pool([first, last], np.array([30, 10]))
-    assert pooled.sensor_intensity_T == pytest.approx(whole.sensor_intensity_T)
-    assert pooled.center_intensity_T == pytest.approx(whole.center_intensity_T)
-    assert pooled.tensor_T_per_m == pytest.approx(whole.tensor_T_per_m)
+@pytest.mark.parametrize("every", [200, 210])
+@pytest.mark.parametrize("known", [Known(), None])
+def test_folds_without_a_reading_of_a_slow_scalar_tell_nothing_of_the_intensity(every, known):
+    """Twenty readings in 4000 samples, of a field that varies by 100 nT, of which some folds have none."""
+    scenario = read_scenario("tumble_100_hz")
+    made, rng = simulate(scenario), np.random.default_rng(3)
+    field = scenario.errors.restore(made.recording.readings_T).mean(axis=1)
+    scalar_T = 50e-6 + 1e-7 * np.sin(np.linspace(0, 2 * np.pi, len(field)))
+    field *= (scalar_T / np.linalg.norm(field, axis=1))[:, None]
+    noise = rng.normal(size=made.recording.readings_T.shape) * scenario.array.vector_noise_T[:, None]
+    slow = np.where(np.arange(len(field)) % every, np.nan, scalar_T + scenario.array.scalar_noise_T * rng.normal())
+    recording = replace(made.recording, readings_T=scenario.errors.distort(field) + noise, scalar_T=slow)
+    found = residuals_of(recording, scenario.array, maximum_likelihood, known)
+    assert found.center_intensity_T < 2e-9
 
 
 @pytest.mark.parametrize(("samples", "is_held_out"), [(21, False), (24, True)])

@@ -4,6 +4,7 @@ The floor of the residuals is what noise alone leaves of them: draws of it, corr
 """
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import (
     ORIENTATIONS,
     PARAMETER_NAMES,
+    ResidualSums,
     SensorErrors,
     measure_residuals,
     noise_floor,
@@ -178,6 +180,24 @@ def uneven():
     """Return errors whose axes differ by a factor of three: only the mean over all directions then is the floor."""
     errors = SensorErrors.none(4)
     return replace(errors, scale_factor=errors.scale_factor * np.array([0.5, 1.0, 1.5]))
+
+
+@pytest.mark.parametrize("has_scalar", [True, False])
+def test_residuals_of_parts_add_up_to_those_of_all_samples(uneven, has_scalar):
+    """Sums of 30 and 10 samples; where a part has no intensity, that of the other counts alone."""
+    generator = np.random.default_rng(2)
+    array, scalar_T = Array.cross(0.5), 5e-5 + 1e-8 * generator.normal(size=40)
+    readings = uneven.distort(3e-5 * generator.normal(size=(40, 3)))
+    recording = Recording(np.arange(40.0), readings, scalar_T if has_scalar else None)
+    parts = [recording.take(slice(30)), recording.take(slice(30, 40))]
+    added = reduce(ResidualSums.plus, (ResidualSums.of(uneven, array, part, 5e-5) for part in parts)).result()
+    whole = measure_residuals(uneven, array, recording, 5e-5)
+    assert_allclose(added.sensor_intensity_T, whole.sensor_intensity_T)
+    assert added.center_intensity_T == pytest.approx(whole.center_intensity_T)
+    assert_allclose(added.tensor_T_per_m, whole.tensor_T_per_m)
+    first = ResidualSums.of(uneven, array, parts[0], 5e-5)
+    unread = ResidualSums.of(uneven, array, replace(parts[1], scalar_T=None), np.nan)
+    assert first.plus(unread).result().center_intensity_T == pytest.approx(first.result().center_intensity_T)
 
 
 @pytest.mark.parametrize("scalar_noise_T", [0.0, 3e-9])
