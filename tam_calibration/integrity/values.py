@@ -329,13 +329,11 @@ def _is_of_converter(overview: Overview, column: int, values: FloatArray, bands:
     others = np.delete(readings, range(first, first + 3), axis=0)
     predicted = readings[column] - _unexplained(readings[column], others / np.abs(others).max())
     inside = (predicted > values[0]) & (predicted < values[-1])
-    # A bit moves half of the readings by half a period, and an offset takes half of that; other errors are smaller.
-    is_moved = (bands.place(predicted) > bands.filled) & (np.abs(predicted - readings[column]) > bands.period_T / 8)
-    # Share of the readings that the other sensors predict to lie in the gaps: half of them for half a period.
-    if not inside.any() or float(is_moved[inside].mean()) <= 0.2:
+    if not inside.any():
         return False
     moved_T, place = (readings[column] - predicted)[inside], bands.place(predicted[inside])
-    return _part_of_place(moved_T, place) > 0.3
+    # A bit moves half of the readings by half a period, and an offset takes half of that; other errors are smaller.
+    return float(moved_T.std()) > bands.period_T / 8 and _part_of_place(moved_T, place) > 0.3
 
 
 def _part_of_place(moved_T: FloatArray, place: FloatArray) -> float:
