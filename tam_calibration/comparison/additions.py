@@ -259,7 +259,7 @@ class Additions:
             rows = self._added(_rows(batch), covariates, is_of_field=True)
             rows = self._added(rows + self._noise.drawn(covariates.time_s), covariates, is_of_field=False)
         except KeyError as missing:
-            raise InputError(f"the mend has an effect that needs the value {missing}") from None
+            raise InputError(f"an effect to add needs the value {missing}") from None
         made = with_rows(batch, rows)
         return made.readings_T.reshape(shape), made.scalar_T
 

@@ -395,8 +395,8 @@ def _term_of(contribution: Contribution, terms: Mapping[Key, Term], effect: str)
 StreamKind = Literal["of_sample", "of_course", "of_whole"]
 """How an effect is added to samples as they arrive.
 
-``of_sample``: to each by itself, or with what the memory of the covariates tells of those before. ``of_course``: by how
-the field goes on. ``of_whole``: only to whole recordings.
+``of_sample``: one by one, with what the covariates remember of earlier ones. ``of_course``: from the course of the
+field up to then. ``of_whole``: only to whole recordings.
 """
 
 

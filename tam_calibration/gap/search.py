@@ -317,9 +317,9 @@ class _CauseSearch:
         return bool(self._steps) and law.signature.energy < (LEAST_SHARE if is_elsewhere else MINOR)
 
     def _reconsidered(self, remaining: tuple[Law, ...]) -> tuple[Law, ...]:
-        """Take special cases of causes for them where they explain as much beside the others; return what remains.
+        """Replace causes by special cases that explain as much now that all causes are known; return what remains.
 
-        A general effect takes up parts of laws whose causes are found after it.
+        A general effect also explains parts of laws whose causes are found after it.
         """
         for number, step in enumerate(self._steps if len(self._steps) > 1 else ()):
             form, forms = step.accepted.form, [one.accepted.form for one in self._steps]
@@ -365,17 +365,18 @@ class _CauseSearch:
         return self._explain_by_two(first, law, others) if first else None
 
     def _explain_by_two(self, first: Evidence, law: Law, others: Sequence[Law]) -> Residual | None:
-        """Accept an effect and one of the law that it leaves, where they leave nothing of a law with a free course.
+        """Accept two effects that together leave nothing of a law with a free course; None where there are none.
 
-        Such a course imitates the sum of what two effects do to a sensor. Effects that are free in time imitate others.
+        Such a course imitates the sum of two effects. The second explains the law that the first leaves. Effects that
+        are free in time imitate others and are not tried.
         """
         is_large = _part_of(first, self._model.base()) > NOTABLE * law.part
         is_free = bool(law.found) and law.signature.course in FREE and not law.signature.is_common
         if not (is_large and is_free) or len(self._steps) + 2 > MOST_CAUSES:
             return None
         model = self._with([first])
-        beside = residual_of(model)
-        second = next((one for one in self._laws_of(beside) if one.found), None)
+        left_by_first = residual_of(model)
+        second = next((one for one in self._laws_of(left_by_first) if one.found), None)
         part = 0.0 if second is None else second.signature.energy / law.signature.energy
         if second is None or second.signature.course in FREE or not MINOR <= part <= 1 - NOTABLE:
             return None
@@ -385,7 +386,7 @@ class _CauseSearch:
             if not _is_bound(one) or one.effect == first.effect:
                 continue
             if (left := self._left_by([first, one], law, others)) is not None:
-                self._accept([first], beside, law, ())
+                self._accept([first], left_by_first, law, ())
                 return self._accept([one], left, second, ())
         return None
 
@@ -430,7 +431,7 @@ class _CauseSearch:
     def _is_gone(self, law: Law, others: Sequence[Law], left: Residual, effect: str) -> bool:
         """Say whether a model with an effect leaves too little of a law; less than most of one that predicts nothing.
 
-        A free course that only imitates what the effect does predicts what the model of the effect is off, too.
+        More may be left of a law that another law makes: a free course also follows the errors of the effect's model.
 
         Such a law is left by a model that explains less than half of its energy.
         """

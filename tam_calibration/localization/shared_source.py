@@ -91,9 +91,9 @@ def fit_shared(samples: Samples, own: EulerSolutions, near: Regional, prior: Reg
 
 
 def fit_regional(samples: Samples, own: EulerSolutions, near: Regional, prior: Regional) -> Regional:
-    """Fit the regional field that N samples share beside lines, each with a line of its own.
+    """Fit the regional field that N samples share; each sample has a line of its own.
 
-    So it is found from farther away than together with one line.
+    This works from a worse start than the fit with one line for all samples.
 
     Parameters
     ----------

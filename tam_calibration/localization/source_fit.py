@@ -91,7 +91,7 @@ SMALLEST_STEP = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class Fit(Solution):
-    """The sources of N samples, each fitted by itself.
+    """The sources of N samples, fitted one by one.
 
     Unknowns are places and moments (N, 6) of dipoles; of lines the points nearest to the origin, and unit vectors along
     the lines. ``field_T`` (N, 3) is the field of each source at the origin, tesla.

@@ -1,4 +1,4 @@
-"""Conversion between SI units and those of files and reports: the only place that converts."""
+"""Conversion between SI and the units and times of files and reports: the only place that converts."""
 
 import re
 from typing import Any, NamedTuple, TypeVar
@@ -11,6 +11,7 @@ IntArray = NDArray[np.integer[Any]]
 Quantity = TypeVar("Quantity", float, FloatArray)
 
 TESLA_PER_FIELD_UNIT = {"nT": 1e-9, "uT": 1e-6, "mT": 1e-3, "mG": 1e-7, "G": 1e-4, "T": 1.0}
+"""Units of the field that files may have, as they are written; 1 G is 100 µT by definition."""
 
 
 def to_nanotesla(tesla: Quantity) -> Quantity:
@@ -39,6 +40,8 @@ def rounded(value: float, digits: int = 2) -> str:
 
 
 _FOR_PEOPLE = {"T": (to_nanotesla(1.0), "nT"), "K": (1.0, "°C"), "rad": (to_degrees(1.0), "°")}
+"""By SI unit: the factor to the unit of files and reports, and its name."""
+
 _SYMBOL = re.compile(r"([A-Za-z]+)([²³⁴⁵]?)")
 
 
@@ -99,10 +102,10 @@ ERROR_KINDS = (
 
 
 def has_date(time_s: float) -> bool:
-    """Whether a stamp counts from 1970: one before March 1973 counts from the start of a recording."""
+    """Whether a stamp counts from 1970; smaller ones, up to three years, count from the start of a recording."""
     return time_s > 1e8
 
 
 def origin_of(start_s: float) -> float:
-    """Return the time from which sentences count: the start of a recording with dates, else that of its own clock."""
+    """Return the stamp from which sentences count seconds: the first of a recording with dates, else zero."""
     return start_s if has_date(start_s) else 0.0
