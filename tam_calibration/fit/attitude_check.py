@@ -416,7 +416,6 @@ def worth_of(recording: SampleSource, calibration: Calibration) -> str:
 
 def _ratio(calibration: Calibration, information: FloatArray) -> FloatArray:
     """Return the (K, 12) standard errors with more information over those without; its last unknowns are the view."""
-    assert calibration.covariance is not None
     size, before = len(calibration.covariance), calibration.standard_errors
     cross, view = information[:size, -5:], information[-5:, -5:] + np.eye(5)
     information = information[:size, :size] - cross @ np.linalg.solve(view, cross.T)

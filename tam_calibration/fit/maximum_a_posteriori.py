@@ -165,7 +165,6 @@ def update_of(
     moved : tuple of Moved
         What was found to have moved.
     """
-    assert calibration.covariance is not None
     source, (_, derivative) = prior.calibration.source, used.in_convention(calibration.errors)
     after, before = np.diag(derivative @ calibration.covariance @ derivative.T), np.diag(used.covariance)
     ratio = np.divide(after, before, out=np.full_like(before, np.nan), where=before > 0)

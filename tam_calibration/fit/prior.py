@@ -101,7 +101,7 @@ class Prior:
         """Whether the common frame is known, and not that of sensor 1 by convention."""
         errors, covariance = self.calibration.errors, self.calibration.covariance
         is_turned = errors.misalignment[0].any() or not np.array_equal(errors.orientation[0], np.eye(3))
-        return bool(is_turned or (covariance is not None and covariance[9:12, 9:12].any()))
+        return bool(is_turned or covariance[9:12, 9:12].any())
 
     @property
     def knows_scale(self) -> bool:

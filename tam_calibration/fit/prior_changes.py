@@ -336,7 +336,6 @@ def _known_after(earlier: Recording, array: KnownNoiseArray, known: Known) -> Kn
     if known.main_field_T is not None or array.mounting_error is not None:
         return known
     before = maximum_a_posteriori(earlier, array, known)
-    assert before.covariance is not None
     return replace(known, prior=replace(known.given, calibration=before, covariance=before.covariance))
 
 

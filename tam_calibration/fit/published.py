@@ -133,7 +133,6 @@ def simplified_linear(recording: SampleSource, array: Array) -> Calibration:
     calibration = finish("simplified_linear", recording, array, moments.data, matrix, center)
     # What the first order leaves is no noise, and is the same for any number of samples.
     left = calibration.errors.to_vector() - two_step_linear(recording, array).errors.to_vector()
-    assert calibration.covariance is not None
     covariance = calibration.covariance + np.outer(left, left)
     return replace(calibration, covariance=covariance, notes=(*calibration.notes, FIRST_ORDER))
 

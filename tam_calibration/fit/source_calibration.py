@@ -254,11 +254,9 @@ def complete(calibration: Calibration, recording: Recording, source: Source, fre
         )
     sensors = len(calibration.array.positions_m)
     errors, derivative = turned(calibration.errors, rotation_matrix(found.rotation))
-    covariance = None
-    if calibration.covariance is not None:
-        by_errors, by_turn = derivative[:, :-3], derivative[:, -3:]
-        covariance = by_errors @ calibration.covariance @ by_errors.T
-        covariance += by_turn @ found.covariance[1:4, 1:4] @ by_turn.T
+    by_errors, by_turn = derivative[:, :-3], derivative[:, -3:]
+    covariance = by_errors @ calibration.covariance @ by_errors.T
+    covariance += by_turn @ found.covariance[1:4, 1:4] @ by_turn.T
     return replace(
         calibration,
         array=found.array_of(calibration.array),

@@ -198,7 +198,6 @@ def _kept(
         calibration = _in_world(model, array, accept)
         model = replace(model, errors=calibration.errors)
     joint = Joint(model, tuple(_free(part, model) for part in model.parts))
-    assert calibration.covariance is not None
     sizes = joint.sizes(calibration.correction_matrix)
     kept = [pair for pair in zip(joint.effects, sizes, strict=True) if _is_kept(pair[0], model)]
     kept += [(finding.fitted, NO_SIZE) for finding in model.findings]
