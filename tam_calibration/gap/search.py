@@ -371,7 +371,7 @@ class _CauseSearch:
         are free in time imitate others and are not tried.
         """
         is_large = _part_of(first, self._model.base()) > NOTABLE * law.part
-        is_free = bool(law.found) and law.signature.course in FREE and not law.signature.is_common
+        is_free = bool(law.found) and law.signature.course in FREE - {"step"} and not law.signature.is_common
         if not (is_large and is_free) or len(self._steps) + 2 > MOST_CAUSES:
             return None
         model = self._with([first])
@@ -400,7 +400,7 @@ class _CauseSearch:
         channels, part = model.base().channels, model.parts[-1]
         if not part.effect.is_natural(channels.covariates, part.fitted(part.terms(channels))):
             return None
-        is_gone = self._is_gone(law, others, left, part.effect.name) and not _is_open_at_poses(
+        is_gone = self._is_gone(law, others, left, part.effect) and not _is_open_at_poses(
             part.effect, self._model, model
         )
         return left if is_gone else None
@@ -428,15 +428,17 @@ class _CauseSearch:
         """Return the model with further causes."""
         return reduce(Model.accept, (one.form for one in chain), self._model)
 
-    def _is_gone(self, law: Law, others: Sequence[Law], left: Residual, effect: str) -> bool:
+    def _is_gone(self, law: Law, others: Sequence[Law], left: Residual, effect: LinearEffect) -> bool:
         """Say whether a model with an effect leaves too little of a law; less than most of one that predicts nothing.
 
-        More may be left of a law that another law makes: a free course also follows the errors of the effect's model.
+        More may be left of a law that another law makes: a free course also follows the errors of the effect's model,
+        which an effect that is free in time does not have.
 
         Such a law is left by a model that explains less than half of its energy.
         """
         if law.found:
-            return law.is_gone_from(left, others, LEAST_SHARE if makes(effect, law.signature) else MINOR)
+            is_exact = effect.is_free_in_time or makes(effect.name, law.signature)
+            return law.is_gone_from(left, others, LEAST_SHARE if is_exact else MINOR)
         if law.whole is not None and law.whole.excess - left.excess < (1 - MOST) * law.signature.energy * self._gap:
             return False
         sensors = set(law.signature.sensors)

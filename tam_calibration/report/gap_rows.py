@@ -248,6 +248,7 @@ def law_sentence(law: Signature, gap: Gap, is_caused: bool = False) -> str:
         Whether a cause of the gap was found, which may go with a channel.
     """
     does = _DOES[law.law].replace("its", "their") if len(law.sensors) > 1 and not law.is_common else _DOES[law.law]
+    does += " that changes" * (law.law == "attitude" and law.course != "motion")
     place = _place(law, gap.sensor_count)
     words = f"{place}: {does}{_size(law)}{_course(law, gap.origin_s)}, {percent(law.energy)} of the gap."
     if not is_caused and law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
@@ -276,7 +277,8 @@ def _course(law: Signature, origin_s: float) -> str:
         times = [f"{number(time - origin_s, 4)} s" for time in law.times_s[:_MOST_TIMES]]
         more = ", …" if len(law.times_s) > _MOST_TIMES else ""
         if law.course == "step":
-            return f" in {'one step' if len(law.times_s) == 1 else f'{len(law.times_s)} steps'} (at {', '.join(times)})"
+            steps = "one step" if len(law.times_s) == 1 else f"{len(law.times_s)} steps"
+            return f" in {steps} (at {', '.join(times)}{more})"
         return f" in {(len(law.times_s) + 1) // 2} episodes (from and until {', '.join(times)}{more})"
     if law.course == "channel":
         return f" with the recorded {law.follows}"

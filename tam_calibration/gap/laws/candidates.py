@@ -76,12 +76,12 @@ def _in_place(residual: Residual, place: int | str, bins: Bins, has_free: bool) 
         yield from _following(residual, pattern)
         if pattern.law == "offset":
             yield from (tone for part, _ in pattern.parts() for tone in _tones(residual, [part]))
-    yield from _tones(residual, [part for one in own if one.law == "gain" for part, _ in one.parts()])
+    yield from _tones(residual, [part for one in own if one.law in ("gain", "attitude") for part, _ in one.parts()])
 
 
 def _steady(residual: Residual, pattern: Pattern) -> Iterator[Candidate]:
-    """Yield the candidates that go with the motion alone, a law of a rate with a constant course."""
-    return _constant(residual, pattern, "constant" if pattern.law == "rate" else "motion")
+    """Yield the candidates that go with the motion alone; a law of a rate is constant where its size is."""
+    return _constant(residual, pattern, "constant" if pattern.law == "rate" and not pattern.follows else "motion")
 
 
 def _constant(residual: Residual, pattern: Pattern, label: str, tried: float = 1.0) -> Iterator[Candidate]:
@@ -172,7 +172,7 @@ def _line(residual: Residual, pattern: Pattern) -> tuple[float | None, int]:
         power += np.abs(np.fft.rfft(np.bincount(slot, column, length))) ** 2
     frequency = np.fft.rfftfreq(length, step_s)
     slowest = 12 / time_s[-1]  # a slower one is a drift
-    if pattern.law == "gain":  # and one of the pace of the motion a function of that
+    if pattern.law != "offset":  # and one of the pace of the motion a function of that
         slowest = max(slowest, _pace_hz(residual))
     power[frequency < slowest] = 0
     near, spacing = float(frequency[power.argmax()]), float(frequency[1])  # a quarter of a line's width

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEGLIGIBLE, NOTABLE, SLIGHT
+from tam_calibration.effects.states import MOST_STEPS
 from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
 from tam_calibration.gap.laws.evidence import Bins
@@ -220,9 +221,9 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
     if top < LEAST_EVIDENCE:
         return
     near = [one for one in tried if one.evidence > 0.7 * top and one.course in ("slow", "random", "step")]
-    timed = [one.pattern for one in near if one.pattern.law in ("offset", "gain")]
+    timed = [one.pattern for one in near if one.pattern.law in ("offset", "gain", "attitude")]
     chosen = list(dict.fromkeys(timed))[:5]
-    gain = next((one for one in timed if one.law == "gain" and one.sensors != SCALAR), None)
+    gain = next((one for one in timed if one.law == "gain"), None)
     if gain is not None:
         switched = switched_gains(residual, int(gain.sensors[0]))
         chosen += [one for one in switched if one.axes == gain.axes or len(one.axes) == 3]
@@ -322,7 +323,7 @@ def _beside(residual: Residual, law: Candidate) -> Candidate:
 
 def _is_simple(one: Candidate) -> bool:
     """Say whether a law has constant coefficients, or steps a few times."""
-    return one.bins is None or one.course == "step"
+    return one.bins is None or (one.course == "step" and len(one.steps) <= MOST_STEPS)
 
 
 def _of_fewest_axes(best: Candidate, tried: list[Candidate]) -> Candidate:
@@ -348,9 +349,7 @@ def _is_as_good_and_simpler(one: Candidate, first: Candidate) -> bool:
     takes its time, a channel is recorded with errors.
     """
     same = (one.pattern.law, one.pattern.sensors) == (first.pattern.law, first.pattern.sensors)
-    # Three steps or more imitate a slow course; two in neighbouring bins are one.
-    is_staircase = one.course == "step" and (np.diff(one.steps) > 1).sum() > 1 and first.course == "slow"
-    is_simpler = _freedom(one) <= _freedom(first) - 1 and not is_staircase
+    is_simpler = _freedom(one) <= _freedom(first) - 1
     return _least_beside(first, same) <= one.evidence <= first.evidence and is_simpler
 
 
@@ -360,7 +359,10 @@ def _least_beside(first: Candidate, is_same_law: bool) -> float:
 
 
 def _freedom(one: Candidate) -> float:
-    return FREEDOM[one.course] + FREEDOM[one.pattern.law] + (len(one.pattern.sensors) > 1)
+    # Three steps or more imitate a slow course; two in neighbouring bins are one.
+    is_staircase = one.course == "step" and (np.diff(one.steps) > 1).sum() > 1
+    course = "slow" if is_staircase else one.course
+    return FREEDOM[course] + FREEDOM[one.pattern.law] + (len(one.pattern.sensors) > 1)
 
 
 def _halves(residual: Residual) -> tuple[Residual, Residual]:

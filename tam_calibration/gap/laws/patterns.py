@@ -217,7 +217,18 @@ def of_motion(residual: Residual, place: int | str) -> Iterator[Pattern]:
     if place != "scalar":
         yield from _own_fields(residual, int(place))
         yield from (_at("rate", residual, (place,), rates) for rates in (residual.rate, _with_lags(residual)))
+        yield from _of_speed(residual, int(place))
     yield from _attitudes(residual, place)
+
+
+def _of_speed(residual: Residual, sensor: int) -> Iterator[Pattern]:
+    """Yield what goes with a rate times its size: that of turning, as drag does, or that of an axis' own field."""
+    drag = np.linalg.norm(residual.turning, axis=1, keepdims=True) * residual.turning
+    yield _at("rate", residual, (sensor,), _bent(drag, residual.field), "motion")
+    for axis, row in enumerate(sensor_rows(sensor)):
+        own = residual.sensed_rate[:, row]
+        pattern = of_axis("rate", sensor, axis, np.column_stack([own, own * np.abs(own)]))
+        yield replace(pattern, follows="motion")
 
 
 def _with_lags(residual: Residual) -> FloatArray:
@@ -230,7 +241,7 @@ def _with_lags(residual: Residual) -> FloatArray:
 def in_scalar(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of the scalar."""
     yield _at("offset", residual, SCALAR, np.ones((residual.count, 1)))
-    yield _at("gain", residual, SCALAR, residual.field)
+    yield _at("attitude", residual, SCALAR, residual.field)
 
 
 def everywhere(residual: Residual) -> Iterator[Pattern]:
@@ -298,13 +309,13 @@ def _attitudes(residual: Residual, sensor: int | str) -> Iterator[Pattern]:
         else:
             functions.append(("attitude", _bent(up, residual.field)))
     for law, values in functions:
-        follows = "attitude" if law == "attitude" else "motion"
+        follows = {"attitude": "attitude", "offset": "motion"}.get(law)
         yield _at(law, residual, (sensor,), values, follows)
 
 
-def _bent(up: FloatArray, field: FloatArray) -> FloatArray:
-    """Return the products (N, 9) of the components of two directions (N, 3)."""
-    return (up[:, :, None] * field[:, None]).reshape(len(up), 9)
+def _bent(by: FloatArray, field: FloatArray) -> FloatArray:
+    """Return the products (N, 9) of the components of two vectors (N, 3)."""
+    return (by[:, :, None] * field[:, None]).reshape(len(by), 9)
 
 
 def bent_everywhere(residual: Residual) -> Iterator[Pattern]:

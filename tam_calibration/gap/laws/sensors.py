@@ -9,7 +9,7 @@ from tam_calibration.effects.grades import MOST, NEGLIGIBLE
 from tam_calibration.gap.laws.candidates import held
 from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, TIE
 from tam_calibration.gap.laws.evidence import Bins
-from tam_calibration.gap.laws.law import SCALAR
+from tam_calibration.gap.laws.law import SCALAR, Place
 from tam_calibration.gap.laws.patterns import Candidate, Pattern, in_every_sensor, in_sensor, sensor_rows
 from tam_calibration.gap.laws.states import steps
 from tam_calibration.gap.laws.whitened import Residual
@@ -27,15 +27,9 @@ def in_its_sensors(residual: Residual, law: Candidate) -> Candidate:
     law : Candidate
         Of one sensor or several. One of the scalar, or of a field that all sensors feel, stays as it is.
     """
-    every = None if law.pattern.sensors == SCALAR else in_every_sensor(residual, law)
-    if every is None or residual.sensor_count == 1:
+    of = _fitted(residual, law)
+    if of is None:
         return law
-    normal, width = every.normal(residual), every.width // residual.sensor_count
-
-    def of(sensors: Sequence[int]) -> Candidate:
-        columns = np.concatenate([np.arange(width * (one - 1), width * one) for one in sensors])
-        return Candidate(_in(every, sensors), law.course, normal.part(columns).fit().evidence)
-
     all_of_them = range(1, residual.sensor_count + 1)
     if len(law.pattern.sensors) > 1:
         best = _in_fewer(residual, of(all_of_them), of)
@@ -45,6 +39,38 @@ def in_its_sensors(residual: Residual, law: Candidate) -> Candidate:
         # Only differences between sensors are seen: what all have, all but one can have as well.
         best = of(all_of_them)
     return law if best.pattern.sensors == law.pattern.sensors else best
+
+
+def as_good_elsewhere(residual: Residual, law: Candidate, sensors: Place) -> tuple[Place, ...]:
+    """Return the other half of the sensors, if a law explains as much there: only differences of sensors are seen.
+
+    Parameters
+    ----------
+    residual : Residual
+    law : Candidate
+        As ``in_its_sensors`` takes it.
+    sensors : Place
+        In which it is.
+    """
+    others = tuple(one for one in range(1, residual.sensor_count + 1) if one not in sensors)
+    of = _fitted(residual, law) if len(others) == len(sensors) else None
+    if of is None or of(others).evidence < of([int(one) for one in sensors]).evidence - TIE:
+        return ()
+    return (others,)
+
+
+def _fitted(residual: Residual, law: Candidate) -> _Fitted | None:
+    """Return how a law is fitted in some sensors; None for one of the scalar, or of a field that all sensors feel."""
+    every = None if law.pattern.sensors == SCALAR else in_every_sensor(residual, law)
+    if every is None or residual.sensor_count == 1:
+        return None
+    normal, width = every.normal(residual), every.width // residual.sensor_count
+
+    def of(sensors: Sequence[int]) -> Candidate:
+        columns = np.concatenate([np.arange(width * (one - 1), width * one) for one in sensors])
+        return Candidate(_in(every, sensors), law.course, normal.part(columns).fit().evidence)
+
+    return of
 
 
 def _in_fewer(residual: Residual, best: Candidate, of: _Fitted) -> Candidate:

@@ -17,6 +17,7 @@ from tam_calibration.gap.laws.law import SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import law_of, noise_follows, scatter_of, spikes
+from tam_calibration.gap.laws.sensors import as_good_elsewhere
 from tam_calibration.gap.laws.states import change_times
 from tam_calibration.gap.laws.whitened import Residual, residual_of
 from tam_calibration.gap.model import Model
@@ -232,10 +233,14 @@ def _of_found(found: Found, residual: Residual, whole: float) -> Signature:
     best, pattern, places = found.best, found.shared.pattern, _places(found)
     times_s: tuple[float, ...] = ()
     if best.bins is not None and best.steps:
-        starts = best.bins.order[list(best.steps)]
+        # A step within a bin is one at each of its ends.
+        is_first = np.diff(best.steps, prepend=-2) > (best.course == "step")
+        starts = best.bins.order[np.array(best.steps)[is_first]]
         times_s = tuple(float(residual.time_s[row[row >= 0]].min()) for row in starts)
+    # What goes with the direction of the field at the scalar is an offset, if all sensors feel it.
+    is_field = pattern.sensors == SCALAR != places[0] and best.course != "motion"
     return Signature(
-        pattern.law,
+        "offset" if is_field else pattern.law,
         best.course,
         places[0],
         pattern.axes,
@@ -252,7 +257,7 @@ def _places(found: Found) -> tuple[Place, ...]:
     best, shared = found.best, found.shared
     possible = places_of(shared.pattern.sensors, shared.signal(found.residual, found.residual), found.residual)
     if shared is not best:
-        return possible
+        return *possible, *as_good_elsewhere(found.residual, best, shared.pattern.sensors)
     others = [one.pattern.sensors for one in found.others if one.pattern.sensors != SCALAR]
     return tuple(dict.fromkeys((*possible, *others)))
 

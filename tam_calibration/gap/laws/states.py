@@ -1,13 +1,14 @@
 """Courses that jump: between two states, or in a few steps."""
 
 from collections.abc import Iterator
-from itertools import accumulate
+from itertools import accumulate, islice
 from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tam_calibration.effects.states import MOST_STEPS, Times
+from tam_calibration.gap.laws.decisions import SLOW
 from tam_calibration.gap.laws.evidence import Bins, Sums, course, of_normal
 from tam_calibration.gap.laws.patterns import Candidate, Pattern, switched_gains
 from tam_calibration.gap.laws.whitened import Residual
@@ -40,13 +41,13 @@ def change_times(residual: Residual, pattern: Pattern, whole: Residual) -> Times
     whole : Residual
         The same with the samples that lie far off, as those beside a large change do.
     """
-    if pattern.law == "gain" and pattern.sensors != ("scalar",):
+    if pattern.law == "gain":
         # A gain amplifies the bias too.
         both = switched_gains(residual, int(pattern.sensors[0]))
         pattern = next(one for one in both if one.axes == pattern.axes)
     bins = Bins.of(residual.time_s, residual.count)
     quiet, every = (pattern.sums(one, bins) for one in (residual, whole))
-    stepping = list(steps(pattern, quiet, bins))
+    stepping = list(islice(steps(pattern, quiet, bins), MOST_STEPS))
     fine = (sharpened(residual, one) for one in jumping(residual, pattern) if one.begins_on is not None)
     states = [_state(one, residual.count) for one in (*stepping, *fine) if one is not None]
     found = [*states[: len(stepping)], *(_polished(every, state) for state in states)]
@@ -144,15 +145,32 @@ def _best_path(gain: FloatArray, switch: float) -> NDArray[np.bool_]:
 
 
 def steps(pattern: Pattern, sums: Sums, bins: Bins) -> Iterator[Candidate]:
-    """Yield the courses of one step to a few, each step where it explains most beside the others."""
+    """Yield the courses of one step to a few, each step where it explains most beside the others.
+
+    An offset may have more, where each adds evidence, as many as slow courses have room for: gains on so many parts
+    imitate any course. The last ones are without those of the first steps that later ones replace.
+    """
     after = [np.cumsum(one[::-1], axis=0)[::-1] for one in (sums.information, sums.score, sums.cross)]
-    count, edges = len(sums.place), list[int]()
-    for _ in range(MOST_STEPS):
-        at = _next_step(after, edges, count)
-        edges = sorted([*edges, at])
+    count, edges, best = len(sums.place), list[int](), -np.inf
+
+    def at(edges: list[int]) -> Candidate:
         information, score = _joint(after, edges)
         evidence = of_normal(information, score, np.ones(len(score))).evidence - len(edges) * np.log(count)
-        yield Candidate(pattern, "step", evidence, bins, 0.0, 1.0, tuple(edges))
+        return Candidate(pattern, "step", evidence, bins, 0.0, 1.0, tuple(edges))
+
+    while len(edges) < (1 // SLOW if pattern.law == "offset" else MOST_STEPS):
+        edges = sorted([*edges, _next_step(after, edges, count)])
+        found = at(edges)
+        if len(edges) > MOST_STEPS and found.evidence < best:
+            break
+        best = found.evidence
+        yield found
+    while len(edges) > MOST_STEPS:
+        fewer = max((at([one for one in edges if one != left]) for left in edges), key=lambda one: one.evidence)
+        if fewer.evidence < found.evidence:
+            break
+        found, edges = fewer, list(fewer.steps)
+        yield found
 
 
 def _joint(after: list[FloatArray], edges: list[int]) -> tuple[FloatArray, FloatArray]:

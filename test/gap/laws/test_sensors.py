@@ -43,3 +43,16 @@ def test_what_all_but_one_have_may_be_in_all(run):
     clean = run(samples=500)
     found = first_law(clean, {one: OWN[one] for one in (1, 2, 3)}, clean.recording.current_A)
     assert found.sensors == (1, 2, 3, 4)
+
+
+def test_either_half_of_the_sensors_may_be_late(run):
+    """Only differences between sensors show a delay: that two are late looks as if the other two were early."""
+    clean = run(samples=900)
+    sensed, time_s = clean.recording.readings_T - clean.errors.bias_T, clean.recording.time_s
+    late = -2e-4 * np.gradient(sensed, time_s, axis=0)
+    late[:, [0, 3]] = 0
+    added = np.column_stack([late.reshape(900, -1), np.zeros(900)])
+    residual = residual_of(clean.with_added(added).model())
+    law = laws_of(residual, residual.excess)[0].signature
+    assert (law.law, law.course) == ("rate", "constant")
+    assert set(law.places) == {(2, 3), (1, 4)}

@@ -47,6 +47,55 @@ def test_a_step_of_an_offset(run):
     assert np.ptp(law.curve.size) == pytest.approx(3e-9, abs=3 * law.curve.error.max())
 
 
+def test_an_offset_of_many_levels(run):
+    """An offset that steps to seven levels, of which no two are the same, has each step at its time."""
+    clean = run(samples=900)
+    time_s = clean.recording.time_s
+    edges_s = time_s[-1] * np.array([0.1, 0.24, 0.38, 0.46, 0.65, 0.85])
+    levels_T = 1e-9 * np.array([0.0, 9.0, -4.0, 6.0, -9.0, 2.0, -6.0])
+    (law,) = signature(clean.with_row(7, levels_T[np.searchsorted(edges_s, time_s, side="right")]))
+    assert (law.law, law.course, law.sensors, law.axes) == ("offset", "step", (3,), ("y",))
+    assert law.times_s == pytest.approx(edges_s.tolist(), abs=0.3)
+
+
+def test_a_smooth_drift_is_no_row_of_steps(run):
+    """An offset that drifts up and down is slow."""
+    clean = run(samples=900)
+    time_s = clean.recording.time_s
+    first = signature(clean.with_row(7, 9e-9 * np.sin(2 * np.pi * time_s / np.ptp(time_s))))[0]
+    assert (first.law, first.course, first.sensors) == ("offset", "slow", (3,))
+
+
+def test_an_arm_that_drag_bends(run):
+    """A sensor that turns by the square of the rate of turning has a law of the rate that goes with the motion."""
+    clean = run(samples=900)
+    residual = residual_of(clean.model())
+    bend = np.linalg.norm(residual.turning, axis=1, keepdims=True) * residual.turning @ np.diag([1.0, 0.2, 0.5])
+    added = np.zeros((900, clean.row_count))
+    added[:, 3:6] = 3e-9 * np.cross(bend, residual.field)
+    first = signature(clean.with_added(added))[0]
+    assert (first.law, first.course, first.sensors) == ("rate", "motion", (2,))
+
+
+def test_an_axis_that_falls_behind_in_fast_turns(run):
+    """An axis that is off where its own field changes fast has a law of the rate that goes with the motion."""
+    clean = run(samples=900)
+    rate = residual_of(clean.model()).sensed_rate[:, 4]
+    behind = np.sign(rate) * np.maximum(np.abs(rate) - np.quantile(np.abs(rate), 0.6), 0)
+    first = signature(clean.with_row(4, 5e-9 * behind / np.abs(behind).max()))[0]
+    assert (first.law, first.course, first.sensors, first.axes) == ("rate", "motion", (2,), ("y",))
+
+
+def test_an_error_of_the_scalar_that_follows_direction_and_grows(run):
+    """What depends on direction, and the more the later, is a law of direction with a slow course."""
+    clean = run(samples=900)
+    residual = residual_of(clean.model())
+    along = residual.field @ [0.6, -0.64, 0.48]
+    late = clean.recording.time_s / clean.recording.time_s[-1]
+    first = signature(clean.with_row(clean.row_count - 1, 8e-9 * late**2 * along))[0]
+    assert (first.law, first.course, first.sensors) == ("attitude", "slow", ("scalar",))
+
+
 def test_a_gain_in_episodes(run):
     """A gain that falls in four episodes follows nothing that was recorded."""
     clean = run(samples=600)
