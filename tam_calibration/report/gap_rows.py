@@ -7,7 +7,7 @@ import numpy as np
 
 from tam_calibration.effects.effect import Sized
 from tam_calibration.effects.library import effect_named
-from tam_calibration.gap.laws.law import Signature, causes_of, in_words
+from tam_calibration.gap.laws.law import SCALAR, Signature, causes_of, in_words
 from tam_calibration.gap.noise import AxisNoise
 from tam_calibration.gap.result import Cause, Considered, Gap, Size
 from tam_calibration.model.exceptions import sensors_in_words
@@ -248,7 +248,9 @@ def law_sentence(law: Signature, gap: Gap, is_caused: bool = False) -> str:
         Whether a cause of the gap was found, which may go with a channel.
     """
     does = _DOES[law.law].replace("its", "their") if len(law.sensors) > 1 and not law.is_common else _DOES[law.law]
-    does += " that changes" * (law.law == "attitude" and law.course != "motion")
+    if law.law == "attitude" and law.course != "motion":
+        is_gradient = len(law.sensors) > 1 and SCALAR[0] not in law.sensors
+        does = "the field differs between them, and changes" if is_gradient else f"{does} that changes"
     place = _place(law, gap.sensor_count)
     words = f"{place}: {does}{_size(law)}{_course(law, gap.origin_s)}, {percent(law.energy)} of the gap."
     if not is_caused and law.course in ("step", "episodes", "slow", "random") and law.law in ("offset", "gain"):
@@ -290,7 +292,7 @@ def _course(law: Signature, origin_s: float) -> str:
         "episodes": " in episodes",
         "random": " irregularly" if law.law not in ("noise", "samples") else "",
         "constant": ", the same throughout",
-        "motion": " in some directions or turns" if law.law == "noise" else "",
+        "motion": {"noise": " in some directions or turns", "rate": ", most in fast turns"}.get(law.law, ""),
     }[law.course]
 
 

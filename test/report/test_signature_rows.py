@@ -48,6 +48,18 @@ def law(name, course, sensors=(3,), axes=("z",), **other):
             "Sensor 3, axis z: its error goes with the field's rate of change in steps, 93 % of the gap.",
         ),
         (
+            law("rate", "motion"),
+            "Sensor 3, axis z: its error goes with the field's rate of change, most in fast turns, 93 % of the gap.",
+        ),
+        (
+            law("attitude", "slow", ("scalar",), (), curve=OFFSET),
+            "The scalar: its error is a function of direction that changes by 3.0 nT slowly, 93 % of the gap.",
+        ),
+        (
+            law("attitude", "slow", (1, 2, 3, 4), ("x", "y", "z"), curve=OFFSET),
+            "All sensors: the field differs between them, and changes by 3.0 nT slowly, 93 % of the gap.",
+        ),
+        (
             law("rate", "constant", (1, 2)),
             "Sensors 1 and 2, axis z: their error goes with the field's rate of change, the same throughout, 93 % of "
             "the gap.",

@@ -1,6 +1,8 @@
 """Laws that are tried on a residual, each with its evidence and what it predicts."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -29,6 +31,8 @@ def candidates(residual: Residual, has_free: bool = True) -> list[Candidate]:
     for place in near:
         found += _in_place(residual, place, bins, has_free)
     found += [next(_steady(residual, one)) for one in patterns.everywhere(residual)]
+    for gradient in islice(patterns.gradients(residual), 1):
+        found += list(_in_time(residual, replace(gradient, follows=None), bins, LENGTHS if has_free else ()))
     if len(near) > 2:
         found += [next(_steady(residual, one)) for one in patterns.bent_everywhere(residual)]
     if residual.sensor_count > 1:

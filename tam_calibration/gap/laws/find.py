@@ -192,6 +192,7 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
     """Return the strongest law of a residual, or two that explain more together; none where none predicts."""
     every = candidates(residual)
     every = sorted([*every, *_refined(residual, every)], key=lambda one: -one.evidence)
+    every = _of_sensors(residual, every) if _is_gradient(every[0]) else every
     tried = _in_question(residual, every, again)
     accepted = next(_accepted(residual, tried), None)
     if accepted is None:
@@ -204,6 +205,18 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
     rest = residual.without(first.signal(residual, residual))
     pair = ((first, residual.without(second.signal(residual, rest))), (second, rest))
     return [replace(_as_found(one, [one], left), is_of_two=True) for one, left in pair]
+
+
+def _of_sensors(residual: Residual, tried: list[Candidate]) -> list[Candidate]:
+    """Return the laws without those of a gradient that changes, if one of the sensors explains more in several."""
+    of_sensors = [one for one in tried if not _is_gradient(one)]
+    single = next(one for one in of_sensors if len(one.pattern.sensors) == 1)
+    return of_sensors if in_its_sensors(residual, single).evidence > tried[0].evidence else tried
+
+
+def _is_gradient(one: Candidate) -> bool:
+    """Say whether a law is a field in the world that is not uniform, and changes with time."""
+    return one.pattern.law == "attitude" and one.bins is not None and len(one.pattern.sensors) > 1
 
 
 def _as_found(best: Candidate, tried: list[Candidate], residual: Residual, predicted: float | None = None) -> Found:
@@ -221,9 +234,8 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
     if top < LEAST_EVIDENCE:
         return
     near = [one for one in tried if one.evidence > 0.7 * top and one.course in ("slow", "random", "step")]
-    timed = [one.pattern for one in near if one.pattern.law in ("offset", "gain", "attitude")]
-    chosen = list(dict.fromkeys(timed))[:5]
-    gain = next((one for one in timed if one.law == "gain"), None)
+    chosen = list(dict.fromkeys(one.pattern for one in near))[:5]
+    gain = next((one.pattern for one in near if one.pattern.law == "gain"), None)
     if gain is not None:
         switched = switched_gains(residual, int(gain.sensors[0]))
         chosen += [one for one in switched if one.axes == gain.axes or len(one.axes) == 3]

@@ -246,7 +246,7 @@ def in_scalar(residual: Residual) -> Iterator[Pattern]:
 
 def everywhere(residual: Residual) -> Iterator[Pattern]:
     """Yield laws of all sensors: rates, the same in all and of each its own, and a field that is not uniform."""
-    yield from _gradients(residual)
+    yield from gradients(residual)
     every = _every(residual)
     yield _at("rate", residual, every, residual.sensed_rate[:, :, None], is_apart=False)
     for rates in (residual.rate, _with_lags(residual)):
@@ -325,7 +325,7 @@ def bent_everywhere(residual: Residual) -> Iterator[Pattern]:
         yield _at("attitude", residual, _every(residual), bent, "attitude")
 
 
-def _gradients(residual: Residual) -> Iterator[Pattern]:
+def gradients(residual: Residual) -> Iterator[Pattern]:
     """Yield a field in the world that is not uniform: harmonic potentials of degree 2, and of 2 and 3."""
     positions_m = np.asarray(residual.model.array.positions_m)
     if residual.rotation is None or not positions_m.any():

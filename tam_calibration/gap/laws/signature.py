@@ -13,7 +13,7 @@ from tam_calibration.effects.states import Times
 from tam_calibration.gap.floor import repeated
 from tam_calibration.gap.laws.decisions import LEAST_EVIDENCE, LEAST_SHARE, TIE
 from tam_calibration.gap.laws.find import Found, curve_of, predictive_laws
-from tam_calibration.gap.laws.law import SCALAR, Place, Signature
+from tam_calibration.gap.laws.law import FREE, SCALAR, Place, Signature
 from tam_calibration.gap.laws.patterns import AXES
 from tam_calibration.gap.laws.places import places_of, within
 from tam_calibration.gap.laws.scatter import law_of, noise_follows, scatter_of, spikes
@@ -106,7 +106,23 @@ def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
     ]
     share = min(whole / max(gap, 1.0), 1.0)
     ranked = sorted(_merged(kept), key=lambda one: -one.signature.energy)
-    return tuple(replace(law, signature=replace(law.signature, energy=share * law.signature.energy)) for law in ranked)
+    signatures = _with_field([one.signature for one in ranked], residual.sensor_count)
+    return tuple(
+        replace(law, signature=replace(one, energy=share * one.energy))
+        for law, one in zip(ranked, signatures, strict=True)
+    )
+
+
+def _with_field(laws: list[Signature], sensor_count: int) -> list[Signature]:
+    """Return laws with all sensors as a place of those that change freely in three sensors or more.
+
+    A field that changes and is not uniform looks like a law of its own in each sensor, if the attitude is unknown.
+    """
+    changing = {one.sensors for one in laws if one.course in FREE and one.law in ("offset", "gain")}
+    if len([place for place in changing if place != SCALAR and len(place) == 1]) < 3:
+        return laws
+    every: Place = tuple(range(1, sensor_count + 1))
+    return [replace(one, places=(*one.places, every)) if one.sensors in changing else one for one in laws]
 
 
 def times_of(model: Model) -> Times:

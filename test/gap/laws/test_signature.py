@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import tam_calibration.gap.laws as laws
+from tam_calibration.gap.laws.law import causes_of
 from tam_calibration.gap.laws.signature import laws_of
 from tam_calibration.gap.laws.whitened import residual_of
+from tam_calibration.sources.dipole import Dipole
 
 
 def signature(run):
@@ -75,6 +78,26 @@ def test_an_arm_that_drag_bends(run):
     added[:, 3:6] = 3e-9 * np.cross(bend, residual.field)
     first = signature(clean.with_added(added))[0]
     assert (first.law, first.course, first.sensors) == ("rate", "motion", (2,))
+
+
+def test_a_wreck_that_passes(run):
+    """A dipole that drifts by at six metres changes the gradient at all sensors for a while."""
+    clean = run(samples=900)
+    time_s, attitude = clean.recording.time_s, Rotation.from_quat(clean.recording.attitude)
+    wreck = Dipole(np.array([0.0, 6.0, 0.0]), np.array([150.0, 400.0, -250.0]))
+    array_m = np.outer((time_s - 30) / 2, [1.0, 0.1, 0.0])
+    sensors = [wreck.field_T(array_m + attitude.apply(one)) for one in clean.array.positions_m]
+    scalar = np.sum(wreck.field_T(array_m) * attitude.apply(residual_of(clean.model()).field), axis=1)
+    added = np.column_stack([*(attitude.inv().apply(one) for one in sensors), scalar])
+    passed = clean.with_added(added)
+    first = signature(passed)[0]
+    assert (first.law, first.sensors, first.follows) == ("attitude", (1, 2, 3, 4), None)
+    assert first.course in ("slow", "episodes", "step")
+    assert first.energy > 0.9
+    without = replace(passed, recording=replace(passed.recording, attitude=None))
+    for law in signature(without)[:3]:
+        assert (1, 2, 3, 4) in law.places
+        assert causes_of(law)[0].name == "disturbed_field"
 
 
 def test_an_axis_that_falls_behind_in_fast_turns(run):
