@@ -309,12 +309,12 @@ class _CauseSearch:
         return self._laws[residual]
 
     def _is_small(self, law: Law) -> bool:
-        """Say whether a law is too small to ask for a cause of it, mostly in sensors of a cause.
+        """Say whether a law is too small to ask for a cause of it, mostly in sensors of a cause or of an open law.
 
         The models of causes are right to some per cent.
         """
-        is_elsewhere = law.signature.is_apart_from(step.law for step in self._steps)
-        return bool(self._steps) and law.signature.energy < (LEAST_SHARE if is_elsewhere else MINOR)
+        known = [*(step.law for step in self._steps), *(one.signature for one in self._open)]
+        return bool(known) and law.signature.energy < (LEAST_SHARE if law.signature.is_apart_from(known) else MINOR)
 
     def _reconsidered(self, remaining: tuple[Law, ...]) -> tuple[Law, ...]:
         """Replace causes by special cases that explain as much now that all causes are known; return what remains.
@@ -376,7 +376,7 @@ class _CauseSearch:
             return None
         model = self._with([first])
         left_by_first = residual_of(model)
-        second = next((one for one in self._laws_of(left_by_first) if one.found), None)
+        second = next((one for one in laws_of(left_by_first, self._gap, most=1) if one.found), None)
         part = 0.0 if second is None else second.signature.energy / law.signature.energy
         if second is None or second.signature.course in FREE or not MINOR <= part <= 1 - NOTABLE:
             return None

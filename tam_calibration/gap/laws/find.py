@@ -148,7 +148,7 @@ class Found:
         return residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
 
 
-def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Residual]:
+def predictive_laws(residual: Residual, whole: float, most: int = 3) -> tuple[list[Found], Residual]:
     """Return the laws that predict samples from others, the strongest first, and the residual without them.
 
     Parameters
@@ -157,10 +157,12 @@ def predictive_laws(residual: Residual, whole: float) -> tuple[list[Found], Resi
         Of the samples that count.
     whole : float
         Energy of the gap, of which the laws have their shares.
+    most : int
+        Laws beside each other, from which on no more are sought.
     """
     start, found = residual, list[Found]()
     again = repeats(residual.pose) or near_repeats(residual)
-    while len(found) < 3 and not (found and residual.excess < 2 * np.sqrt(2.0 * residual.size)):
+    while len(found) < most and not (found and residual.excess < 2 * np.sqrt(2.0 * residual.size)):
         error = TOLERANCE**2 * max(residual.excess, 0.0) / residual.size
         scaled = residual.scaled(float(np.sqrt(max(1 + error, residual.white))))
         least = LEAST_SHARE * max(whole, residual.excess, 1.0) if found else 0.0

@@ -83,7 +83,7 @@ class Law:
         return left < max(part * sum(one.predicted for one in self.found), LEAST_EVIDENCE)
 
 
-def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
+def laws_of(residual: Residual, gap: float, most: int = 3) -> tuple[Law, ...]:
     """Return the laws of what a model leaves, the strongest first; none where no law is certain.
 
     Parameters
@@ -92,9 +92,11 @@ def laws_of(residual: Residual, gap: float) -> tuple[Law, ...]:
         Of the nominal fit, or of a model with causes.
     gap : float
         Energy of the whole gap, of which each law has its share.
+    most : int
+        As of ``predictive_laws``.
     """
     whole, total = max(residual.excess, 1.0), float((residual.z**2).sum())
-    laws, found = _signatures(residual, whole)
+    laws, found = _signatures(residual, whole, most)
     each = [
         Law(law, law.energy * whole / total, tuple(found[index : index + 1]), residual)
         for index, law in enumerate(laws)
@@ -137,7 +139,7 @@ def times_of(model: Model) -> Times:
     return tuple(times for law in laws_of(residual, residual.excess) for times in law.times())
 
 
-def _signatures(residual: Residual, whole: float) -> tuple[list[Signature], list[Found]]:
+def _signatures(residual: Residual, whole: float, most: int) -> tuple[list[Signature], list[Found]]:
     """Return all laws, first those that predict, and the fits of these."""
     if lattice := _lattice(residual):
         return [lattice], []
@@ -148,13 +150,13 @@ def _signatures(residual: Residual, whole: float) -> tuple[list[Signature], list
     outlying = spikes(residual) | outlying_samples(recording)[residual.index]
     apart = outlying | held[:, lost].any(axis=1)
     quiet = residual.taking(~apart)
-    found, rest = predictive_laws(quiet, whole)
+    found, rest = predictive_laws(quiet, whole, most)
     if apart.any():
         rest = _at_all(residual, quiet, found)
         is_large = (rest.z**2).sum() - rest.size > whole / 2
         # A clipped axis is far off in few samples too, but these are a function of its reading.
         if is_large and not lost and _are_at_like_readings(residual, outlying):
-            again, left = predictive_laws(residual, whole)
+            again, left = predictive_laws(residual, whole, most)
             if again and again[0].best.pattern.law == "own_field":
                 found, rest, outlying = again, left, np.zeros_like(outlying)
     laws = [_of_found(one, residual, whole) for one in found]
