@@ -5,7 +5,7 @@ A law adds A_n c to the whitened residual of sample n. Either c is the same thro
 precision is tridiagonal (Rue and Held 2005, section 2.4), so that the cost is proportional to the number of bins.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -100,8 +100,12 @@ class Sums:
         is_apart : bool
             As of ``normal_equations``.
         """
-        sums = normal_equations(bins.arranged(shifts), of_rows.arranged(bins.arranged), is_apart)
-        return cls(*sums, bins.place, bins.is_first)
+        # Some bins after the other: the arranged products of all sensors are large.
+        sums = [
+            normal_equations(part.arranged(shifts), of_rows.arranged(part.arranged), is_apart) for part in bins.parts()
+        ]
+        information, products = (np.concatenate(one) for one in zip(*sums, strict=True))
+        return cls(information, products, bins.place, bins.is_first)
 
     def part(self, columns: NDArray[np.intp], factor: float) -> "Sums":
         """Return the sums of some columns, multiplied by a factor."""
@@ -147,6 +151,13 @@ class Bins:
     def of_time(cls, time_s: FloatArray) -> "Bins":
         """Return bins of a course in time: an eighth of a second in a minute, at least."""
         return cls.of(time_s, max(min(512, len(time_s) // 2), 4))
+
+    def parts(self) -> Iterator["Bins"]:
+        """Yield runs of bins, an eighth of them each."""
+        size = -(-len(self.place) // 8)
+        for first in range(0, len(self.place), size):
+            taken = slice(first, first + size)
+            yield Bins(self.order[taken], self.place[taken], self.is_first[taken])
 
     def arranged(self, values: FloatArray) -> FloatArray:
         """Return values (N, ...) by bins, (B, m, ...), zero where a bin has fewer samples."""
