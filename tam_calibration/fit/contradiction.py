@@ -183,6 +183,22 @@ class Difference:
         chi_square = float(np.sum(along[is_seen] ** 2 * (1 + 1 / gain[is_seen])))
         return cls(back @ along, back * (1 - left) @ back.T, chi_square, int(is_seen.sum()))
 
+    @classmethod
+    def since(cls, rest: Normal, covariance: FloatArray, size: int) -> "Difference":
+        """Return the difference of the samples from a time on and all that is known before it, without its χ².
+
+        Parameters
+        ----------
+        rest : Normal
+            Of these samples over Q unknowns, at the estimate from all samples.
+        covariance : (Q, Q) array
+            Of that estimate.
+        size : int
+            Number of errors, which are the first unknowns.
+        """
+        of_changes = rest.information - rest.information @ covariance @ rest.information
+        return cls(rest.score[:size], of_changes[:size, :size], np.nan, 0)
+
     @property
     def probability(self) -> float:
         """Of a χ² as large by chance."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
 import numpy as np
-from numpy.linalg import slogdet
 
 from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.correction.parts import KINDS, Moved
@@ -92,17 +91,9 @@ def time_of_change(
     problems = [Problem.of(recording.take(slice(*span)), array, known, has_scalar) for span in pairwise(starts)]
     parts = [problem.data_at(place) for problem in problems]
     later = list(accumulate(parts[::-1]))[::-1]
-    basis, (size, unknowns) = problems[0].basis_at(place), change.directions.shape
-    directions = np.zeros((len(basis), unknowns))
-    directions[:size] = change.directions
-    covariance = inverted((later[0] + problems[0].known_at(place)).information, basis)
-    evidence = []
-    for rest in later:
-        reached = rest.information @ directions
-        information = directions.T @ reached - reached.T @ covariance @ reached
-        score = directions.T @ rest.score
-        gain = score @ np.linalg.solve(information + np.diag(1 / change.variance), score)
-        evidence.append((gain - slogdet(np.eye(unknowns) + change.variance[:, None] * information)[1]) / 2)
+    covariance = inverted((later[0] + problems[0].known_at(place)).information, problems[0].basis_at(place))
+    size = len(change.directions)
+    evidence = [contradiction.Difference.since(rest, covariance, size).evidence(change) for rest in later]
     best = int(np.argmax(evidence))
     # Logarithm of the evidence, in addition to that of the number of times tried, for a change within the
     # recording.
