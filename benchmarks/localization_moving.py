@@ -19,6 +19,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source
+from tam_calibration.model.mounting import rotation_matrix
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla
 from tam_calibration.results.scenario import read_scenario
@@ -104,7 +105,7 @@ def _elements(source: Loop, truth: SourceCalibration, errors: SensorErrors) -> F
     """Return (12, 4, 3) numbers that the matrices of the errors turn into what the displaced elements read."""
     turn, array = POSES.as_matrix(), truth.array_of(ARRAY.with_stated_noise())
     world = source.field_T(np.einsum("nij,kaj->nkai", turn, array.element_positions_m))
-    rows = truth.errors_of(errors).matrix
+    rows = errors.matrix @ rotation_matrix(truth.rotation)
     raw = np.einsum("kai,nji,nkaj->nka", rows, turn, world, optimize=True)
     undone: FloatArray = np.einsum("kij,nkj->nki", inv(errors.matrix), raw)
     return undone

@@ -79,10 +79,6 @@ class SourceCalibration:
         """Return the array with its true baselines, and the places of its axes."""
         return replace(stated, positions_m=self.baseline_scale * stated.positions_m, axis_offsets_m=self.axis_offsets_m)
 
-    def errors_of(self, errors: SensorErrors) -> SensorErrors:
-        """Return errors in the array frame from those in the frame of the calibration before."""
-        return SensorErrors.from_matrix(errors.matrix @ rotation_matrix(self.rotation), errors.bias_T)
-
 
 def calibrate_by_source(
     amplitudes_T: FloatArray,

@@ -8,10 +8,12 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.prior import turned
 from tam_calibration.fit.source_calibration import SourceCalibration, calibrate_by_source, complete
 from tam_calibration.localization.turned_samples import Samples, locate_each
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
+from tam_calibration.model.mounting import rotation_matrix
 from tam_calibration.model.recording import Recording
 from tam_calibration.results.calibration_yaml import calibration_from_yaml, calibration_to_yaml
 from tam_calibration.results.scenario import read_scenario
@@ -43,7 +45,7 @@ def errors(scenario):
 
 def amplitudes(errors, source=SOURCE, truth=TRUTH):
     """Return the raw amplitudes (N, K, 3) that the true array reads, written down independently of the fit."""
-    rows, places = truth.errors_of(errors).matrix, truth.array_of(ARRAY).element_positions_m
+    rows, places = errors.matrix @ rotation_matrix(truth.rotation), truth.array_of(ARRAY).element_positions_m
     raw = np.zeros((12, 4, 3))
     for pose, turn in enumerate(TURNS.as_matrix()):
         for sensor in range(4):
@@ -99,7 +101,7 @@ def record(errors, rate_hz=100, seconds=4.0, noise_T=1e-10):
     pose = np.repeat(np.arange(12), count)
     carrier = np.sin(2 * np.pi * FREQUENCY_HZ * time + 0.3)[:, None, None]
     earth = TURNS.inv().apply([1e-6, 2e-5, -4.5e-5])
-    steady = TRUTH.errors_of(errors).distort(earth)
+    steady = turned(errors, rotation_matrix(TRUTH.rotation))[0].distort(earth)
     readings = steady[pose] + carrier * amplitudes(errors)[pose] + noise_T * generator.normal(size=(len(time), 4, 3))
     return Recording(time, readings, attitude=POSES[pose])
 
@@ -138,7 +140,7 @@ def completed(calibration, errors):
 def test_completed_calibration_reads_field_and_gradient_near_a_source(calibration, completed, errors):
     """What baselines, frame and places of the axes made wrong by per cents is as of an error-free array."""
     other = Dipole(np.array([-1.5, 1.0, 0.8]), np.array([150.0, 100.0, -200.0]))
-    rows, places = TRUTH.errors_of(errors).matrix, TRUTH.array_of(ARRAY).element_positions_m
+    rows, places = errors.matrix @ rotation_matrix(TRUTH.rotation), TRUTH.array_of(ARRAY).element_positions_m
     raw = np.einsum("kai,kai->ka", rows, other.field_T(places))[None] + errors.bias_T
     perfect = replace(ARRAY, positions_m=0.95 * ARRAY.positions_m)
     tensor = (perfect.operator @ other.field_T(perfect.positions_m).ravel())[3:]
