@@ -167,8 +167,8 @@ def _residual(calibration: Calibration) -> str:
 def _one_sensor(calibration: Calibration) -> str:
     """Compare the errors of each two sensors; where those of all are equal, a simulator gave all the same."""
     errors, covariance, count = calibration.errors.to_vector(), calibration.covariance, calibration.errors.sensor_count
-    # Sensors of which two may have the same errors and others not.
-    if count < 3:
+    # Sensors of which two may have the same errors and others not; parameters that are open may have any.
+    if count < 3 or not np.isfinite(covariance).all():
         return ""
     blocks = covariance.reshape(count, 12, count, 12)
 

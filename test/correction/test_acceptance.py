@@ -131,3 +131,11 @@ def test_an_axis_in_another_unit_is_refused(recording, cross):
     calibration = calibrate(wrong, cross, accept=["unit", "scale_factor"])
     assert calibration.accepted == ("scale_factor",)
     assert calibration.errors.scale_factor[2, 0] == pytest.approx(1e-3, rel=0.2)
+
+
+def test_sensors_that_are_hardly_known_are_not_compared(calibration):
+    """A calibration whose parameters may be open, as accepted, is none of one sensor: there is no error to compare."""
+    covariance = calibration.covariance.copy()
+    covariance[30, 30] = np.inf
+    hardly_known = replace(with_errors_of_first(calibration, 0.0), covariance=covariance)
+    assert "one_sensor" not in beyond_limits(hardly_known)
