@@ -24,7 +24,7 @@ from rich.progress import track
 from rich.table import Table
 
 from tam_calibration.files.text_files import write_whole
-from tam_calibration.fit import maximum_likelihood as module
+from tam_calibration.fit import likelihood as module
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.reference import interpolate
 from tam_calibration.model.units import FloatArray, from_degrees

@@ -446,7 +446,9 @@ def student_noises(likelihood: Likelihood, matrix: FloatArray, bias: FloatArray)
 
     Each may be other than stated.
     """
-    return list(map(StudentNoise.of, likelihood.energy(matrix, bias), likelihood.channel_count))
+    energy = likelihood.energy(matrix, bias)
+    channels = np.isfinite(energy) * np.array([[3.0 * len(matrix) - 3], [1.0]])
+    return list(map(StudentNoise.of, np.nan_to_num(energy), channels))
 
 
 def _parts(recording: SampleSource) -> Iterator[tuple[int, Recording]]:

@@ -20,7 +20,7 @@ What turns a sample's row [readings, 1] into its channels at given parameters: a
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -30,7 +30,9 @@ from numpy.typing import NDArray
 from tam_calibration.core.least_squares import Elimination, Normal, gram
 from tam_calibration.core.noise import VarianceFactors
 from tam_calibration.fit.ellipsoid import Normalized
-from tam_calibration.fit.reference import InterpolationNoise
+from tam_calibration.fit.reference import InterpolationNoise, interpolate, is_worth_interpolating
+from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.recording import SampleSource
 from tam_calibration.model.units import FloatArray
 
 
@@ -164,12 +166,6 @@ class Likelihood:
     intensity: FloatArray | None = None
     interpolation_noise: InterpolationNoise | None = None
 
-    @property
-    def channel_count(self) -> FloatArray:
-        """(2, N) number of whitened channels of each sample: 3K - 3 between the sensors, and one with a reference."""
-        has_reference = np.concatenate([np.isfinite(intensity) for _, _, intensity in self._blocks()])
-        return np.stack([np.full(len(has_reference), 3.0 * len(self.vector_noise) - 3), has_reference])
-
     def linearize(self, matrix: FloatArray, bias: FloatArray, weights: FloatArray | None = None) -> Linearization:
         """Return the normal equations at a point.
 
@@ -194,6 +190,8 @@ class Likelihood:
     def energy(self, matrix: FloatArray, bias: FloatArray) -> FloatArray:
         """Return the (2, N) sums of the squares of each sample's differential channels, and of its common mode.
 
+        The latter is NaN where there is no reference.
+
         Parameters
         ----------
         matrix : (K, 3, 3) array
@@ -204,7 +202,7 @@ class Likelihood:
         assert self.interpolation_noise is None, "what samples share is no sample's own"
         channels = ChannelMaps.at(matrix, bias, self.vector_noise)
         parts = [energies(channels, rows[:-1], intensity, self.scalar_noise) for _, rows, intensity in self._blocks()]
-        return np.asarray(np.nan_to_num(np.concatenate(parts, axis=1)))
+        return np.concatenate(parts, axis=1)
 
     def _moments_of(self, weights: FloatArray) -> FloatArray:
         """Return the (3K + 1, 3K + 1) sum of the outer products of the rows, each times its weight (N,)."""
@@ -217,6 +215,30 @@ class Likelihood:
             part = slice(first, first + len(intensity))
             yield part, rows, intensity if self.intensity is None else self.intensity[part]
             first = part.stop
+
+
+def likelihood_of(
+    recording: SampleSource, array: KnownNoiseArray, data: Normalized, may_interpolate: bool = True
+) -> Likelihood:
+    """Return the likelihood of samples in a uniform field, the intensity interpolated where it is slow.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        The samples.
+    array : KnownNoiseArray
+        Of their sensors.
+    data : Normalized
+        The same samples.
+    may_interpolate : bool
+        Whether the intensity between two readings lies on a line.
+    """
+    vector_noise, scalar_noise = data.noise_of(array)
+    if not (may_interpolate and is_worth_interpolating(recording)):
+        return Likelihood(data, vector_noise, scalar_noise)
+    whole = recording.whole()
+    intensity, shared_noise = interpolate(whole.time_s, data.intensity, scalar_noise)
+    return Likelihood(replace(data, source=whole), vector_noise, 0.0, intensity, shared_noise)
 
 
 def common_mode(channels: ChannelMaps, rows: FloatArray, intensity: FloatArray, scalar_noise: float) -> CommonMode:

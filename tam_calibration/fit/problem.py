@@ -23,12 +23,13 @@ from tam_calibration.core.least_squares import Normal, whitening
 from tam_calibration.core.noise import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.correction.calibration import Calibration
+from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
+from tam_calibration.fit.estimate import student_noises
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import descend, free_basis, inverted, rows_by_unknowns
-from tam_calibration.fit.likelihood import Likelihood
-from tam_calibration.fit.maximum_likelihood import first_guess, likelihood_of
+from tam_calibration.fit.likelihood import Likelihood, likelihood_of
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import AttitudeLikelihood, WorldView
 from tam_calibration.model.array import KnownNoiseArray
@@ -97,6 +98,8 @@ class Known:
         Of the field, where no scalar reads it in the samples.
     gyroscope : GyroscopeUse, optional
         How a recorded angular velocity counts; None where it does not. It does not go with attitude as data.
+    is_robust : bool
+        Whether the noise is taken for Student-t with six degrees of freedom, so that outliers count little.
     """
 
     prior: Prior | None = None
@@ -107,6 +110,7 @@ class Known:
     uses_heading: bool = True
     intensity: Intensity | None = None
     gyroscope: GyroscopeUse | None = None
+    is_robust: bool = False
 
     @property
     def given(self) -> Prior:
@@ -146,7 +150,7 @@ class Problem:
 
     known: Known
     start_errors: SensorErrors
-    unit_T: float
+    start_intensity_T: float
     likelihood: Likelihood
     has_scalar: bool
     mounting_error: float | None
@@ -156,34 +160,43 @@ class Problem:
     def of(
         cls, recording: SampleSource, array: KnownNoiseArray, known: Known, has_scalar: bool | None = None
     ) -> "Problem":
-        """Return that of a recording, its readings taken about the biases of the start.
+        """Return that of a recording.
 
         Of a part of a recording ``has_scalar`` says whether the whole has a scalar.
         """
         has_scalar = recording.scalar_count is not None if has_scalar is None else has_scalar
         begun = known.start or (None if known.prior is None else known.prior.calibration)
         if begun is None:
-            start, unit_T = first_guess(recording, array), normalize(recording).radius_T
+            data = normalize(recording)
+            start, factor = data.errors_at(*closed_form(data, *data.noise_of(array)))
+            intensity_T = data.radius_T / factor
         else:
-            start, unit_T = begun.errors, begun.intensity_T
-        data = Normalized(recording, start.bias_T, unit_T, has_scalar)
+            start, intensity_T = begun.errors, begun.intensity_T
+            data = Normalized(recording, start.bias_T, intensity_T, has_scalar)
         motion: Motion | None
         if known.gyroscope is None:
             motion = AttitudeLikelihood.of(data, array, known.uses_heading)
         else:
             motion = GyroscopeLikelihood.of(data, array, known.gyroscope)
         mounting_error = array.mounting_error if known.knows_frame else None
-        return cls(known, start, unit_T, likelihood_of(recording, array, data), has_scalar, mounting_error, motion)
+        likelihood = likelihood_of(recording, array, data, may_interpolate=not known.is_robust)
+        return cls(known, start, intensity_T, likelihood, has_scalar, mounting_error, motion)
 
     @cached_property
     def start(self) -> "Place":
         """Where the iteration begins."""
         motion = None if self.motion is None else self.motion.start(self.start_errors)
-        return Place(self.start_errors, self.unit_T, motion)
+        return Place(self.start_errors, self.start_intensity_T, motion)
+
+    @property
+    def unit_T(self) -> float:
+        """Field that counts as one, tesla."""
+        return self.likelihood.data.radius_T
 
     def most_probable(self) -> tuple[Place, tuple[FloatArray, FloatArray]]:
         """Return the most probable place, and what else ``settled`` returns."""
-        if isinstance(self.known.start, Place):
+        is_near = isinstance(self.known.start, Place) or (self.known.prior is None and self.motion is None)
+        if is_near:
             with suppress(Refused):
                 return self.settled(self.start, is_corrected=True)
         end, kept = self.settled(self.start, is_corrected=False)
@@ -221,7 +234,10 @@ class Problem:
             information = found.information
             return basis.T @ information @ basis, basis.T @ found.score, (information, basis)
 
-        return descend(normal_at, lambda place, step: self.moved(place, length * self.basis_at(place) @ step), start)
+        def moved(place: Place, step: FloatArray) -> Place:
+            return self.moved(place, length * self.basis_at(place) @ step)
+
+        return descend(normal_at, moved, start, self.known.is_robust)
 
     def normal_at(self, place: Place, is_corrected: bool = True) -> Normal:
         """Return the normal equations over the unknowns at a place, by the data and by what is known before."""
@@ -229,7 +245,10 @@ class Problem:
 
     def data_at(self, place: Place, is_corrected: bool = True) -> Normal:
         """Return the normal equations of the data over the unknowns at a place."""
-        here = self.likelihood.linearize(*self.rows_at(place)).weighed(self.known.variance_factors)
+        rows, weights = self.rows_at(place), None
+        if self.known.is_robust:
+            weights = np.array([noise.weights / noise.square for noise in student_noises(self.likelihood, *rows)])
+        here = self.likelihood.linearize(*rows, weights).weighed(self.known.variance_factors)
         both = here.both if is_corrected else replace(here.both, score=here.both.score + here.correction)
         found = both.by(self._rows_by_unknowns(place))
         if self.motion is None or place.motion is None:
@@ -270,6 +289,16 @@ class Problem:
         gain = across @ inverted(inner, np.eye(len(inner)))
         score = found.score[:count] - gain @ (found.score[own] + downhill)[free]
         return replace(found, information=found.information[:count, :count] - gain @ across.T, score=score)
+
+    def robust_information(self, place: Place) -> FloatArray:
+        """Return the information of samples with outliers: the inverse of the sandwich of their weighted scores."""
+        student = student_noises(self.likelihood, *self.rows_at(place))
+        # The residuals are smaller than the noise by what the errors have taken of it.
+        channels = sum(float(noise.channels.sum()) for noise in student)
+        kept = max(channels - 12 * place.errors.sensor_count, 1.0) / channels
+        factors = VarianceFactors(*(noise.variance_factor / kept for noise in student))
+        white = replace(self.known, variance_factors=factors, is_robust=False)
+        return replace(self, known=white).normal_at(place).information
 
     def information_with(self, curvature: FloatArray, place: Place) -> FloatArray:
         """Return the information at a place of what is known, and of data whose score varies by curvature too."""
@@ -340,7 +369,7 @@ class Problem:
     def rows_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
         """Return the matrices times the intensity over its unit, and the biases about those of the start."""
         factor = place.intensity_T / self.unit_T
-        return factor * place.errors.matrix, (place.errors.bias_T - self.start_errors.bias_T) / self.unit_T
+        return factor * place.errors.matrix, (place.errors.bias_T - self.likelihood.data.origin_T) / self.unit_T
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,8 +419,10 @@ def posterior_of(recording: SampleSource, array: KnownNoiseArray, known: Known) 
     """
     problem = Problem.of(recording, array, known)
     end, kept = problem.most_probable()
-    if problem.known.curvature is not None:
-        kept = problem.information_with(problem.known.curvature, end), problem.basis_at(end)
+    if known.is_robust:
+        kept = problem.robust_information(end), problem.basis_at(end)
+    if known.curvature is not None:
+        kept = problem.information_with(known.curvature, end), problem.basis_at(end)
     covariance, size = inverted(*kept), 12 * array.sensor_count
     found = Posterior(end.errors, covariance[:size, :size], end.intensity_T, end.motion)
     if end.motion is None:

@@ -160,7 +160,7 @@ def test_interpolation_helps(tumbling, monkeypatch):
     """Against counting samples without a reading only among the sensors, standard errors fall threefold."""
     recording = simulate(tumbling).recording
     interpolated = maximum_likelihood(recording, tumbling.array).standard_errors
-    monkeypatch.setattr("tam_calibration.fit.maximum_likelihood.is_worth_interpolating", lambda source: False)
+    monkeypatch.setattr("tam_calibration.fit.likelihood.is_worth_interpolating", lambda source: False)
     dropped = maximum_likelihood(recording, tumbling.array).standard_errors
     assert np.median(dropped[:, :9] / interpolated[:, :9]) > 3
     assert_allclose(dropped[1:, 9:] / interpolated[1:, 9:], 1, atol=0.05)
