@@ -20,15 +20,12 @@ from tam_calibration.fit.ellipsoid import (
     COLUMNS,
     NO_ELLIPSOID,
     ROWS,
-    Normalized,
     determined,
     free_scale_gradient,
     without_scale,
 )
-from tam_calibration.fit.likelihood import Likelihood
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused
-from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -113,44 +110,8 @@ def bound(field_T: FloatArray, errors: SensorErrors, array: KnownNoiseArray, has
     (12 K, 12 K) array
         In the order of ``SensorErrors.to_vector`` flattened, SI; infinite on the diagonal where undetermined.
     """
-    intensity = np.linalg.norm(field_T, axis=1)
-    unit = float(intensity.mean())
-    scalar_noise = array.scalar_noise_T / unit if has_scalar else 0.0
-    samples = Recording(np.arange(len(field_T), dtype=float), errors.distort(field_T), intensity)
-    data = Normalized(samples, errors.bias_T, unit, has_scalar=True)
-    likelihood = Likelihood(data, array.vector_noise_T / unit, scalar_noise)
-    point = likelihood.linearize(errors.matrix, np.zeros_like(errors.bias_T))
-    return parameter_covariance(point.both.information, errors, unit, None if has_scalar else unit)
-
-
-def parameter_covariance(
-    information: FloatArray, errors: SensorErrors, unit_T: float, free_intensity_T: float | None
-) -> FloatArray:
-    """Return the covariance of the parameters from the information of the rows [D Λ | o].
-
-    Parameters
-    ----------
-    information : (12 K, 12 K) array
-        Of the rows [D Λ | o], fields and biases in units of ``unit_T``.
-    errors : SensorErrors
-        Where it was linearised.
-    unit_T : float
-        Unit of field of the information, tesla.
-    free_intensity_T : float, optional
-        The fitted constant intensity where no scalar reference fixes the scale.
-
-    Returns
-    -------
-    (12 K, 12 K) array
-        Zero for the fixed misalignment of sensor 1, infinite on the diagonal where the data leave a parameter open.
-    """
-    count = errors.sensor_count
-    jacobian = rows_by_unknowns(errors, unit_T, free_intensity_T)
-    free = np.ones(jacobian.shape[1], dtype=bool)
-    free[9:12] = False
-    basis = free_basis(errors, free, holds_scale=free_intensity_T is not None)
-    covariance = inverted(jacobian.T @ information @ jacobian, basis)
-    return covariance[: 12 * count, : 12 * count]
+    model = InformationModel(errors, array, has_scalar, float(norm(field_T, axis=1).mean()))
+    return model.covariance(information_of(model.rows(field_T)))
 
 
 def rows_by_unknowns(errors: SensorErrors, unit_T: float, free_intensity_T: float | None) -> FloatArray:
@@ -268,14 +229,20 @@ class InformationModel:
 
     def variances(self, information: FloatArray) -> FloatArray:
         """Return the (12 K,) variances of the parameters, SI; infinite where undetermined."""
-        ellipsoid, affine = self.loadings
-        known, open_ = _split(information[:9, :9])
-        known_affine, open_affine = _split(information[9:, 9:])
-        variance = np.sum((ellipsoid @ known) * ellipsoid, axis=1)
-        variance += np.sum((affine @ known_affine) * affine, axis=(1, 2))
-        is_open = norm(ellipsoid @ open_, axis=1) > 1e-2 * norm(ellipsoid, axis=1)
-        is_open |= norm(affine @ open_affine, axis=(1, 2)) > 1e-2 * norm(affine, axis=(1, 2))
-        return np.where(is_open, np.inf, variance)
+        return np.diag(self.covariance(information))
+
+    def covariance(self, information: FloatArray) -> FloatArray:
+        """Return the (12 K, 12 K) covariance of the parameters, SI; infinite on the diagonal where undetermined."""
+        covariance, is_open = np.zeros(()), np.array(False)
+        for loadings, own in zip(self.loadings, (information[:9, :9], information[9:, 9:]), strict=True):
+            values, vectors = np.linalg.eigh(own)
+            seen = values > 1e-13 * values[-1]
+            along = (loadings @ vectors).reshape(len(loadings), -1, len(values))
+            known = (along[..., seen] / np.sqrt(values[seen])).reshape(len(loadings), -1)
+            covariance = covariance + known @ known.T
+            is_open = is_open | (norm(along[..., ~seen], axis=(1, 2)) > 1e-2 * norm(along, axis=(1, 2)))
+        covariance[is_open, is_open] = np.inf
+        return covariance
 
     def variances_with(self, information: FloatArray, rows: FloatArray) -> FloatArray:
         """Return the variances of the parameters when one of N samples is added to what is known.
@@ -337,10 +304,3 @@ def _block_diagonal(blocks: FloatArray) -> FloatArray:
     """Return the (3 K, 4, 12 K) derivatives of all sensors from those of each, (K, 3, 4, 12)."""
     count = len(blocks)
     return np.asarray(np.einsum("kl,kxyp->kxylp", np.eye(count), blocks).reshape(3 * count, 4, 12 * count))
-
-
-def _split(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the pseudo-inverse, and the (M, J) directions that the information leaves open."""
-    values, vectors = np.linalg.eigh(information)
-    seen = values > 1e-13 * values[-1]
-    return (vectors[:, seen] / values[seen]) @ vectors[:, seen].T, vectors[:, ~seen]

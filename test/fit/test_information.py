@@ -6,7 +6,9 @@ from numpy.testing import assert_allclose
 
 from tam_calibration.fit.ellipsoid import free_scale
 from tam_calibration.fit.information import InformationModel, bound, information_of
+from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.model.array import Array
+from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors
 
 FIELD_T, NOISE_T = 5e-5, 1e-9
@@ -56,14 +58,19 @@ def array_of(count, vector_noise_T):
 @pytest.mark.parametrize("has_scalar", [True, False])
 @pytest.mark.parametrize("noise_T", [[1e-9] * 4, [1e-9, 5e-9, 1e-9, 2e-9], [1e-9]])
 def test_variances_are_those_of_the_bound(true_errors, noise_T, has_scalar):
-    """Taken apart or whole, the information gives the same variances, of any sensors, with and without a scalar."""
+    """Taken apart or whole, the information gives the same covariance, of any sensors, with and without a scalar.
+
+    The whole one is that of a fit of readings without noise.
+    """
     errors = SensorErrors.from_vector(true_errors.to_vector()[: len(noise_T)])
     if not has_scalar:
         errors = SensorErrors.from_matrix(free_scale(errors.matrix) * errors.matrix, errors.bias_T)
     array, fields = array_of(len(noise_T), noise_T), sphere(60)
-    model = InformationModel(errors, array, has_scalar, FIELD_T)
-    expected = np.diag(bound(fields, errors, array, has_scalar))
-    assert_allclose(model.variances(information_of(model.rows(fields))), expected, rtol=1e-9)
+    scalar_T = np.full(60, FIELD_T) if has_scalar else None
+    whole = maximum_likelihood(Recording(np.arange(60.0), errors.distort(fields), scalar_T), array).covariance
+    size = np.sqrt(np.diag(whole) + (np.diag(whole) == 0))
+    apart = bound(fields, errors, array, has_scalar)
+    assert_allclose(apart / np.outer(size, size), whole / np.outer(size, size), rtol=0, atol=1e-9)
 
 
 def test_one_more_sample_is_as_if_it_had_been_there(true_errors):
@@ -88,6 +95,5 @@ def test_a_single_turn_leaves_what_a_constant_component_hides_open():
     angle = np.linspace(0, 2 * np.pi, 90, endpoint=False)
     fields = FIELD_T * np.stack([0.6 * np.cos(angle), 0.6 * np.sin(angle), np.full(90, -0.8)], axis=1)
     array, errors = array_of(1, [NOISE_T]), SensorErrors.none(1)
-    model = InformationModel(errors, array, True, FIELD_T)
-    for variance in (np.diag(bound(fields, errors, array, True)), model.variances(information_of(model.rows(fields)))):
-        assert np.isinf(variance[[2, 3, 5, 6, 7, 8]]).all() and np.isfinite(variance[4])
+    variance = np.diag(bound(fields, errors, array, True))
+    assert np.isinf(variance[[2, 3, 5, 6, 7, 8]]).all() and np.isfinite(variance[4])
