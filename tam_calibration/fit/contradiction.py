@@ -539,12 +539,15 @@ class MotionFit:
         Parameters
         ----------
         along : (Q, M) array, optional
-            Directions of the unknowns that count; by default all that are free.
+            Directions of the unknowns that count; by default all of which the samples tell anything.
         """
         assert self.problem.motion is not None
-        count, along = self.problem.motion.sample_count, self.basis if along is None else along
+        count = self.problem.motion.sample_count
         if count < BLOCKS:
             return 1.0
+        if along is None:
+            shares, directions = np.linalg.eigh(self.white.T @ self.own.information @ self.white)
+            along = self.white @ directions[:, shares > ROUNDING]
         spans = [slice(*span) for span in pairwise(np.linspace(0, count, BLOCKS + 1).astype(int))]
         parts = [self.problem.motion_at(self.place, span) for span in spans]
         information = np.array([along.T @ part.information @ along for part in parts])

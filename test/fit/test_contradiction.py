@@ -1,13 +1,15 @@
 """What moved is found, told as what it is, and when; chance is not taken for a change."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from moved_sensors import lone, turn
 from numpy.testing import assert_allclose
 
-from tam_calibration.fit.contradiction import Difference, candidates_of, changes_that_explain
+from tam_calibration.core.least_squares import Normal
+from tam_calibration.fit.contradiction import Difference, MotionFit, candidates_of, changes_that_explain
 from tam_calibration.fit.problem import Known, posterior_of
 from tam_calibration.model.sensor_errors import SensorErrors
 
@@ -90,3 +92,21 @@ def test_what_may_happen_to_a_sensor_is_of_any_size(prior):
     told = {sizes[0].hypothesis.name: sizes for sizes in candidates_of(prior, True)}
     for name, unit in (("biases of all sensors", 1), ("misalignment of sensor 2", 1 / intensity_T)):
         assert_allclose([np.sqrt(change.variance[0]) for change in told[name]], sizes_T * unit, rtol=1e-6)
+
+
+def test_rounding_lasts_for_no_time():
+    """An unknown of which attitude tells nothing has rounding for its information and score: it counts for nothing."""
+    scores = np.stack([np.random.default_rng(3).normal(size=1600), np.linspace(-1e-6, 1e-6, 1600)], axis=1)
+
+    def of(samples=slice(0, 1600)):
+        own = scores[samples]
+        return Normal(len(own) * np.diag([1.0, 1e-16]), own.sum(axis=0), 0.0, len(own))
+
+    problem = SimpleNamespace(
+        motion=SimpleNamespace(sample_count=1600),
+        motion_at=lambda place, samples=slice(0, 1600): of(samples),
+        normal_at=lambda place: of() + Normal(np.diag([0.0, 1600.0]), np.zeros(2), 0.0, 1600),
+        basis_at=lambda place: np.eye(2),
+    )
+    assert MotionFit(problem, None).lasting() == 1.0
+    assert MotionFit(problem, None).lasting(np.eye(2)[:, 1:]) > 100
