@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import norm
 
-from tam_calibration.core.least_squares import MOST_STEPS, ROUNDING
+from tam_calibration.core.least_squares import MOST_STEPS, ROUNDING, whitening
 from tam_calibration.core.noise import complete_noise, fast_noise
 from tam_calibration.fit.contradiction import FAR, SIGNIFICANT, TOO_FAR, MotionFit, probability_of
 from tam_calibration.fit.estimate import variance_factors
@@ -108,12 +108,9 @@ class GyroscopeFit(MotionFit):
         information, gradient = self.everything.information, self.everything.score
         shape = np.arange(len(gradient) - 6, len(gradient))
         across = self.white.T @ information[:, shape]
-        left = information[np.ix_(shape, shape)] - across.T @ across
-        values, vectors = np.linalg.eigh(left)
-        seen = values > ROUNDING * values[-1]
-        score = (vectors.T @ gradient[shape])[seen]
-        chi_square = float(np.sum(score**2 / values[seen]))
-        return probability_of(chi_square, int(seen.sum())) < SIGNIFICANT
+        white = whitening(information[np.ix_(shape, shape)] - across.T @ across, ROUNDING)
+        score = white.T @ gradient[shape]
+        return probability_of(float(score @ score), len(score)) < SIGNIFICANT
 
     def contradiction(self) -> str:
         """Return how angular velocity contradicts all else, or nothing."""
