@@ -28,7 +28,6 @@ from tam_calibration.fit.recorded_attitude import across_of
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.limits import RATE_NOISE
 from tam_calibration.model.mounting import rotation_matrix
-from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
 
@@ -127,7 +126,7 @@ class GyroscopeLikelihood:
         """Number of samples."""
         return len(self.path.time_s)
 
-    def start(self, errors: SensorErrors) -> GyroscopeState:
+    def start(self, matrix: FloatArray, bias: FloatArray) -> GyroscopeState:
         """Return the state at which a fit begins, whatever the errors of the sensors."""
         return self.use.start.of_modes(self.path.modes)
 

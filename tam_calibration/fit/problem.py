@@ -53,8 +53,8 @@ class Motion(Protocol):
     def part(self, samples: slice) -> Self:
         """Return some of the samples."""
 
-    def start(self, errors: SensorErrors) -> MotionState:
-        """Return the state at which a fit begins."""
+    def start(self, matrix: FloatArray, bias: FloatArray) -> MotionState:
+        """Return the state at which a fit begins with such sensors."""
 
     def linearize(self, matrix: FloatArray, bias: FloatArray, state: Any) -> Normal:
         """Return the normal equations over the rows [D Λ | o] of the sensors and the unknowns of the state."""
@@ -185,8 +185,8 @@ class Problem:
     @cached_property
     def start(self) -> "Place":
         """Where the iteration begins."""
-        motion = None if self.motion is None else self.motion.start(self.start_errors)
-        return Place(self.start_errors, self.start_intensity_T, motion)
+        place = Place(self.start_errors, self.start_intensity_T)
+        return place if self.motion is None else place._replace(motion=self.motion.start(*self.rows_at(place)))
 
     @property
     def unit_T(self) -> float:
@@ -367,7 +367,7 @@ class Problem:
         return Place(errors, intensity_T, motion)
 
     def rows_at(self, place: Place) -> tuple[FloatArray, FloatArray]:
-        """Return the matrices times the intensity over its unit, and the biases about those of the start."""
+        """Return the matrices times the intensity over its unit, and the biases about the origin of the data."""
         factor = place.intensity_T / self.unit_T
         return factor * place.errors.matrix, (place.errors.bias_T - self.likelihood.data.origin_T) / self.unit_T
 

@@ -268,9 +268,9 @@ class AttitudeLikelihood:
             gradient[3:] += own * view.across.T @ main_field_T / length
         return precisions, gradient
 
-    def start(self, errors: SensorErrors) -> WorldView:
-        """Return the view by the errors about whose biases the readings are taken."""
-        field = self.field(errors.matrix, np.zeros_like(errors.bias_T))
+    def start(self, matrix: FloatArray, bias: FloatArray) -> WorldView:
+        """Return the view at which a fit begins, of sensors as of ``linearize``."""
+        field = self.field(matrix, bias)
         mount = likely_turn(field, self.to_world)
         direction = np.einsum("nij,nj->i", self.to_world, field @ mount.T)
         return WorldView(mount, direction / norm(direction))
