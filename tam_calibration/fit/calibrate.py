@@ -18,7 +18,7 @@ from tam_calibration.fit.consistency import Fit, accepted, doubts_of
 from tam_calibration.fit.estimate import widened
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.information import newton_step
-from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
+from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly, is_attitude_data
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Place, Problem
@@ -102,7 +102,7 @@ def calibrate(
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}: choose one of {', '.join(METHODS)}")
     fit, takes_priors = METHODS[method], method == DEFAULT_METHOD
-    is_joint = prior is not None or main_field_T is not None or _is_attitude_data(recording, array)
+    is_joint = prior is not None or main_field_T is not None or is_attitude_data(recording, array)
     if is_joint and not takes_priors:
         raise InputError(f"priors and attitude as data go with {DEFAULT_METHOD}, not with {method}")
     if takes_priors and not is_joint:
@@ -126,17 +126,13 @@ def calibrate(
     if prior is None:
         # A scalar that was left out still tells changes of the field.
         calibration = despite_changes(calibration, recording, made.array, accept)
-    if takes_priors and not _is_attitude_data(recording, array) and (worth := worth_of(made.recording, calibration)):
+    if takes_priors and not is_attitude_data(recording, array) and (worth := worth_of(made.recording, calibration)):
         notes.append(worth)
     residuals = held_out_residuals(made.recording, made.array, made.fit, calibration, made.known)
     calibration = replace(calibration, held_out=residuals)
     warnings = (*found, *calibration.warnings, *doubts_of(made.recording, calibration))
     notes = [note for note in (*notes, *calibration.notes) if note not in warnings]
     return within_limits(replace(calibration, warnings=warnings, notes=tuple(notes)), accept)
-
-
-def _is_attitude_data(recording: SampleSource, array: Array) -> bool:
-    return array.attitude_noise is not None and recording.whole().attitude is not None
 
 
 def _checked(

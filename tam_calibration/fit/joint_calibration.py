@@ -189,13 +189,18 @@ def _as_far_as_they_agree(
     return joint._replace(calibration=calibration)
 
 
+def is_attitude_data(recording: SampleSource, array: Array) -> bool:
+    """Whether a recording has attitude, and its array states the noise of that, so that it counts as data."""
+    return array.attitude_noise is not None and recording.whole().attitude is not None
+
+
 def _with_motion(recording: SampleSource, array: Array, known: Known) -> JointCalibration:
     """Return the calibration with place, and angular velocity or attitude, as far as they agree.
 
     A gyroscope depends on no magnetometer: where attitude contradicts it, or is not used, it counts.
     """
     known, notes = _without_wrong_place(recording, known)
-    is_attitude_used = array.attitude_noise is not None and recording.whole().attitude is not None
+    is_attitude_used = is_attitude_data(recording, array)
     without_rates = _with_attitude if is_attitude_used else _with_known
     if recording.thinned(SKETCH).angular_velocity_rad_s is None:
         return without_rates(recording, array, known).noting(*notes)
