@@ -199,10 +199,7 @@ def recording_of_frame(
     channel_map = as_map(map)
     source = FrameSource(Path("the table"), frame, TimeColumn() if channel_map is None else channel_map.time_column)
     streams = streams_of(source, Reading(channel_map))
-    samples = RowJoining(source, streams, AS_IT_IS, None).whole()
-    if samples is None:
-        raise InputError("no row has all sensors")
-    return samples.recording
+    return RowJoining(source, streams, AS_IT_IS, None).whole().recording
 
 
 def read_samples(
@@ -227,11 +224,7 @@ def read_samples(
         When it cannot be read, or contains no recording.
     """
     with _joining(path, array, reading) as joining:
-        samples = joining.whole(progress)
-        if samples is None:  # the sensors are read in turn: no row has all
-            source, streams = joining.source, joining.streams
-            samples = Joining(source, streams, reading, array).whole(progress)
-        return with_base_station(samples, reading.base_station)
+        return with_base_station(joining.whole(progress), reading.base_station)
 
 
 def read_pieces(

@@ -16,7 +16,7 @@ from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, quoted
 from tam_calibration.model.units import FloatArray, IntArray
 from tam_calibration.recordings.channel_map import Clock, Reading, TimeColumn
-from tam_calibration.recordings.joining import Streams, samples_of
+from tam_calibration.recordings.joining import Joining, Streams, samples_of
 from tam_calibration.recordings.tables import Batches, Columns, MemorySource, Table, Wanted, by_stream, fields_of
 from tam_calibration.recordings.times import Times, even_times, repaired, stamps_of_numbers, stamps_of_words, time_unit
 from tam_calibration.recordings.vectors import is_own_column
@@ -141,7 +141,7 @@ def joined_cells(parts: Sequence[Any]) -> Any:
 
 
 class RowJoining:
-    """Makes samples of rows.
+    """Makes samples of rows. Sensors that are read in turn, so that few rows hold all, are joined by time.
 
     Parameters
     ----------
@@ -163,8 +163,8 @@ class RowJoining:
         self._read: set[str] = set()
         self._first_ns: int | None = None
 
-    def whole(self, progress: Progress = lambda done, total: None) -> Samples | None:
-        """Return the samples of all rows at once; None where sensors are read in turn, so that few rows hold all.
+    def whole(self, progress: Progress = lambda done, total: None) -> Samples:
+        """Return the samples of all rows at once.
 
         Raises
         ------
@@ -176,10 +176,14 @@ class RowJoining:
             raise InputError("it contains no sample")
         samples = self._samples(cells, values, self.source.timed(cells, len(values)))
         self.streams.require_half(self._missing, self._reading)
-        # If fewer rows hold all sensors, these are read in turn and have to be joined by time.
-        if self._count and self._whole < 0.5 * self._count and not self._reading.with_partial:
-            return None
+        if self._are_in_turn:
+            return Joining(self.source, self.streams, self._reading, self._array).whole(progress)
         return self._finished(samples)
+
+    @property
+    def _are_in_turn(self) -> bool:
+        """Whether the sensors are read in turn: less than half of the rows until now hold all of them."""
+        return not self._reading.with_partial and self._whole < 0.5 * self._count
 
     def pieces(self, progress: Progress) -> Iterator[Samples]:
         """Yield the samples in pieces of some ten thousand rows; a channel without a value in one is None there.
@@ -190,13 +194,16 @@ class RowJoining:
             As `whole`; pieces before the fault have been yielded by then.
         """
         if self._array is not None and self._array.stamp_delay_s is not None:
-            yield self._finished(self.whole())
+            yield self.whole(progress)
             return
         cells, values = self.source.all_rows(())  # what is repaired of times depends on all
         last, times, count = None, self.source.timed(cells, len(values)), 0
         for cells, values in self.source.rows(self._fields):
             samples = self._samples(cells, values, times.of(slice(count, count + len(values))))
             count += len(values)
+            if last is None and self._are_in_turn:  # all rows tell whether they are, or a sensor began late
+                yield RowJoining(self.source, self.streams, self._reading, self._array).whole(progress)
+                return
             if samples is not None:
                 if last is not None:
                     yield last

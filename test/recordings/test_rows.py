@@ -53,16 +53,22 @@ def test_a_channel_without_any_reading_is_told(tmp_path):
     assert read_source(table(tmp_path, scalar_nT=slow))[1] == NO_USAGE
 
 
-def test_sensors_that_are_read_in_turn_are_joined_by_time(tmp_path):
-    """Where few rows hold all: each is interpolated to the others' times, as messages are."""
+@pytest.mark.parametrize("size", [1 << 24, 3000])
+def test_sensors_that_are_read_in_turn_are_joined_by_time(tmp_path, monkeypatch, size):
+    """Where few rows hold all: each is interpolated to the others' times, as messages are, also in pieces."""
+    monkeypatch.setattr(text_source, "PIECE", size)
     first, second = (columns_of(f"mag{sensor}_", turned(48_000)) for sensor in (0, 1))
     even, odd = range(0, 400, 2), range(1, 400, 2)
     columns = {name: holed(values, *odd) for name, values in first.items()}
     columns |= {name: holed(values, *even) for name, values in second.items()}
-    recording = read_recording(table(tmp_path, **columns))
+    path = table(tmp_path, **columns)
+    recording = read_recording(path)
     # Values are interpolated once three intervals of a stream are known.
     assert recording.sample_count == 200 - 4
     assert_allclose(recording.readings_T[:, 0], recording.readings_T[:, 1], atol=2e-6)
+    pieces = [each.recording for each in read_pieces(path)]
+    for name, values in recording.values().items():
+        assert_array_equal(np.concatenate([each.values()[name] for each in pieces]), values)
 
 
 def test_pieces_are_the_whole(tmp_path, monkeypatch):
