@@ -233,7 +233,7 @@ def read_pieces(
     """Yield a recording as `read_samples` returns it, in pieces of bounded size.
 
     The pieces follow each other in time without a sample lost or doubled. A channel without a value in a complete piece
-    is None in that piece.
+    is None in that piece. With a base station, whose values are shifted by a median of all, there is one piece.
 
     Parameters
     ----------
@@ -245,9 +245,11 @@ def read_pieces(
     InputError
         When it cannot be read, or contains no recording; pieces before the fault have been yielded by then.
     """
+    if reading.base_station is not None:
+        yield read_samples(path, array, reading, progress)
+        return
     with _joining(path, array, reading) as joining:
-        for samples in joining.pieces(progress):
-            yield with_base_station(samples, reading.base_station)
+        yield from joining.pieces(progress)
 
 
 @contextmanager

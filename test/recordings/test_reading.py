@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.recordings import read_recording, text_source
-from tam_calibration.recordings.channel_map import Moment, Window
+from tam_calibration.recordings.channel_map import Moment, Reading, Window
 from tam_calibration.recordings.recording_file import read_pieces, read_samples
 
 START = datetime.fromtimestamp(START_NS // 10**9, UTC)
@@ -102,8 +102,6 @@ def test_a_window_counts_from_the_start_of_the_recording_in_pieces(tmp_path, mon
     path = write_text(tmp_path / "run.csv", {"time_s": np.arange(COUNT) / 20, **columns_of("mag_", turned(48_000))})
     monkeypatch.setattr(text_source, "PIECE", 1000)
     how = read_samples(path).recording
-    from tam_calibration.recordings.channel_map import Reading
-
     pieces = list(read_pieces(path, reading=Reading(window=Window(Moment.of(3), Moment.of(16)))))
     assert len(pieces) > 2
     assert_array_equal(np.concatenate([each.recording.time_s for each in pieces]), how.time_s[60:321])
@@ -157,6 +155,20 @@ def test_beside_a_scalar_it_fills_the_gaps(tmp_path, station):
     assert_array_equal(recording.scalar_T[there], alone[there])
     assert not there.all() and np.isfinite(recording.scalar_T).all()
     assert_allclose(recording.scalar_T * 1e9, own, atol=0.05)
+
+
+def test_a_base_station_in_pieces_is_that_of_the_whole(tmp_path, monkeypatch, station):
+    """Also where a piece has no reading of the scalar, or lies before the first value of the station."""
+    monkeypatch.setattr(text_source, "PIECE", 1000)
+    own = [f"{48_200 + 0.5 * second:.3f}" if 10 < second < 12 else "" for second in seconds()]
+    columns = {"time_s": [f"{START_NS / 1e9 - 65 + second:.2f}" for second in seconds()]}
+    columns |= {**columns_of("mag_", turned(48_000)), "scalar_nT": own}
+    how = Reading(base_station=station)
+    path = write_text(tmp_path / "run.csv", columns)
+    whole = read_samples(path, reading=how).recording.scalar_T
+    pieces = [each.recording.scalar_T for each in read_pieces(path, reading=how)]
+    assert np.isnan(whole[:90]).all() and np.isfinite(whole[100:]).all()
+    assert_array_equal(np.concatenate(pieces), whole)
 
 
 def test_a_station_of_another_day_is_refused(tmp_path, station):
