@@ -18,10 +18,11 @@ from tam_calibration.fit.consistency import Fit, accepted, doubts_of
 from tam_calibration.fit.estimate import widened
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.information import newton_step
-from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly, is_attitude_data
+from tam_calibration.fit.joint_calibration import JointCalibration, calibrate_jointly
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Place, Problem
+from tam_calibration.fit.recorded_attitude import is_attitude_data
 from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.fit.screening import without_bad_readings
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed

@@ -31,6 +31,7 @@ from tam_calibration.fit.maximum_a_posteriori import (
 from tam_calibration.fit.prior import Prior, prior_of
 from tam_calibration.fit.prior_changes import UpdatedPrior, update_prior
 from tam_calibration.fit.problem import Intensity, Known, Place
+from tam_calibration.fit.recorded_attitude import is_attitude_data
 from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused, adding
@@ -187,11 +188,6 @@ def _as_far_as_they_agree(
             moved = calibration.errors.to_vector() - compared.errors.to_vector()
             calibration = replace(calibration, covariance=calibration.covariance + np.outer(moved, moved))
     return joint._replace(calibration=calibration)
-
-
-def is_attitude_data(recording: SampleSource, array: Array) -> bool:
-    """Whether a recording has attitude, and its array states the noise of that, so that it counts as data."""
-    return array.attitude_noise is not None and recording.whole().attitude is not None
 
 
 def _with_motion(recording: SampleSource, array: Array, known: Known) -> JointCalibration:

@@ -23,7 +23,7 @@ from tam_calibration.core.field_alignment import likely_turn
 from tam_calibration.core.least_squares import Normal, gram
 from tam_calibration.fit.ellipsoid import Normalized, sphere_center
 from tam_calibration.fit.likelihood import ChannelMaps
-from tam_calibration.model.array import KnownNoiseArray
+from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
 from tam_calibration.model.limits import ATTITUDE_NOISE
 from tam_calibration.model.mounting import matrices_of, rotation_matrix
@@ -198,6 +198,11 @@ class WorldView:
         """Return the view after a step (5,): turn of the mount, radians, and shift of the direction across itself."""
         direction = self.direction + self.across @ step[3:]
         return WorldView(self.mount @ rotation_matrix(step[:3]), direction / norm(direction))
+
+
+def is_attitude_data(recording: SampleSource, array: Array) -> bool:
+    """Whether a recording has attitude, and its array states the noise of that, so that it counts as data."""
+    return array.attitude_noise is not None and recording.whole().attitude is not None
 
 
 @dataclass(frozen=True, eq=False)
