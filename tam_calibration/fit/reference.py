@@ -242,8 +242,9 @@ def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | Non
     left_T = scalar_T - slow @ (slow.T @ scalar_T)
     rows = ellipsoid_rows(field)
     rows = rows - slow @ (slow.T @ rows)
-    # Part of the largest eigenvalue below which a column is the noise of the readings.
-    columns = rows @ whitening(rows.T @ rows, 1e-6)
+    # Part of the largest eigenvalue below which a column is the noise of the readings. The smallest of nine is the
+    # sphere's own: it varies with the intensity, and not with the direction.
+    columns = rows @ whitening(rows.T @ rows, 1e-6)[:, -8:]
     explained = columns.T @ left_T
     residual_T = left_T - columns @ explained
     noise_T = float(np.sqrt(np.sum(residual_T**2) / (count - columns.shape[1] - slow.shape[1])))
@@ -265,7 +266,9 @@ def turning_scalar(recording: SampleSource, array: Array) -> TurningScalar | Non
     # Squared standard errors by which the dependence moves the errors, and which are not worth losing a scalar.
     is_harmful = energy > 4.0 * variance_T2 * lasting
     unit = np.column_stack([slow, field / norm(field, axis=1, keepdims=True)])
-    size_T = float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
+    # Of a magnet; soft iron, whose field is the same on both sides, is seen by the amplitude.
+    of_magnet_T = float(norm(np.linalg.lstsq(unit, scalar_T, rcond=1e-6)[0][-3:]))
+    size_T = max(of_magnet_T, np.sqrt(2 * energy / count))
     # Standard deviations of a normal law: once in ten thousand sound recordings.
     # Part of what is not slow that a magnet near the scalar explains at least: a field that varies faster may
     # follow the direction in part by chance.
