@@ -24,7 +24,7 @@ from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.problem import Known, Place, Problem
 from tam_calibration.fit.recorded_attitude import is_attitude_data
 from tam_calibration.fit.reference import turning_scalar
-from tam_calibration.fit.screening import without_bad_readings
+from tam_calibration.fit.screening import sound_readings
 from tam_calibration.fit.what_changed import despite_changes, naming_changes, what_changed
 from tam_calibration.integrity import require_enough, require_sound
 from tam_calibration.model.array import Array
@@ -140,9 +140,10 @@ def _checked(
     recording: SampleSource, array: Array, accept: Collection[str], is_screened: bool, is_joint: bool
 ) -> tuple[SampleSource, list[str], list[str]]:
     """Return the samples of sound channels, without single bad readings, what is doubted of them, and what is noted."""
-    used, left_out = without_bad_readings(recording, array) if is_screened else (recording, None)
-    screened = used if left_out is not None and left_out.is_brief else None
-    faults = require_sound(recording, array, accept, screened=screened)
+    if is_screened:
+        used, left_out, faults = sound_readings(recording, array, accept)
+    else:
+        used, left_out, faults = recording, None, require_sound(recording, array, accept)
     found = [fault.sentence for fault in faults if fault.severity != "note"]
     notes = [fault.sentence for fault in faults if fault.severity == "note"]
     # Samples from which noise that lasts shows in the residuals: ten in each of the blocks that are compared.

@@ -4,7 +4,7 @@ A fit of all samples shows whether there are any. If so, a robust fit finds them
 the judgement until it stays the same. Any part of the samples below a third may be bad.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,8 @@ from tam_calibration.core.least_squares import MOST_STEPS
 from tam_calibration.core.noise import complete_noise
 from tam_calibration.correction.streaming import left_out
 from tam_calibration.fit.maximum_likelihood import estimate, maximum_likelihood
+from tam_calibration.integrity import require_sound
+from tam_calibration.integrity.fault import Fault
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import MOST_NAMED, InputError, Refused, first_at
 from tam_calibration.model.recording import SKETCH, Block, Recording, SampleSource
@@ -161,6 +163,28 @@ def without_bad_readings(recording: SampleSource, array: Array) -> tuple[SampleS
     since_s = bad.time_s - recording.time_span_s[0]
     found = LeftOut(since_s, np.flatnonzero(is_bad), judge.worst(bad), len(is_bad), recording.sensor_count)
     return (recording, None) if found.is_event else (recording.take(~is_bad), found)
+
+
+def sound_readings(
+    recording: SampleSource, array: Array, accept: Collection[str] = (), sought: Collection[str] = ()
+) -> tuple[SampleSource, LeftOut | None, list[Fault]]:
+    """Return samples of sound channels as ``without_bad_readings`` does, and the faults that refuse nothing.
+
+    Parameters
+    ----------
+    recording, array
+        As of ``without_bad_readings``.
+    accept, sought
+        As of ``require_sound``.
+
+    Raises
+    ------
+    InputError, Refused
+        As ``require_sound``.
+    """
+    used, left_out = without_bad_readings(recording, array)
+    screened = used if left_out is not None and left_out.is_brief else None
+    return used, left_out, require_sound(recording, array, accept, sought=sought, screened=screened)
 
 
 def _robust_estimate(recording: SampleSource, array: Array) -> SensorErrors:

@@ -13,11 +13,12 @@ from tam_calibration.correction.acceptance import within_limits
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.effects.effect import Effect, LinearEffect
 from tam_calibration.effects.library import effect_named, installed_effects, shown_by
-from tam_calibration.effects.removal import linear_effect, removable
+from tam_calibration.effects.removal import filled, linear_effect, removable
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.consistency import LEAVE_OUT, LOOK_FOR_CAUSE, PARTS_APART, SOMETHING_MAGNETIC
 from tam_calibration.fit.estimate import make_calibration
 from tam_calibration.fit.identifiability import refuse_open, require_determined
+from tam_calibration.fit.screening import sound_readings, without_bad_readings
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.diagnose import diagnose
 from tam_calibration.gap.hypothesis import EVERYWHERE, Hypothesis, Part, refined
@@ -28,7 +29,7 @@ from tam_calibration.gap.result import Gap
 from tam_calibration.gap.search import Progress, search
 from tam_calibration.gap.size import Evidence, examine, unusable
 from tam_calibration.gap.steps import LEAST_EVIDENCE, Search
-from tam_calibration.integrity import CHANNEL_FAULTS, require_sound
+from tam_calibration.integrity import CHANNEL_FAULTS
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused, sensors_in_words
 from tam_calibration.model.fitted_effect import FittedEffect
@@ -42,6 +43,9 @@ IN_WORLD = "recorded_attitude"
 _AUTO = "auto"
 """Given instead of names: the effects that a diagnosis finds."""
 
+
+_MOST_TURNS = 8
+"""Fits without bad readings; two or three are enough where effects and bad readings differ."""
 
 _FOR_SIMULATIONS = "kept for simulations, and not taken off corrected data"
 
@@ -94,9 +98,8 @@ def calibrate_with_effects(
     if _AUTO in effects and len(effects) > 1:
         raise InputError(f"{_AUTO} stands for all effects that are found: name no others beside it")
     array.require_recording(recording)
-    faults = require_sound(
-        recording, array, accept, sought=shown_by(installed_effects() if _AUTO in effects else effects)
-    )
+    sought = shown_by(installed_effects() if _AUTO in effects else effects)
+    _, _, faults = sound_readings(recording, array, accept, sought)
     findings = [fault.sentence for fault in faults if fault.severity != "note"]
     recording.check_plausible(array.field)
     if recording.sensor_count > 1 or recording.attitude is None:  # else the attitude may determine what these do not
@@ -105,11 +108,9 @@ def calibrate_with_effects(
     if _AUTO in effects:
         found = search(recording, array)
         return calibration_of(recording, found, conclude(found), array, warnings=findings, accept=accept)
-    nominal = model = Model.nominal(recording, array)
-    if any("attitude" in effect_named(name).channels for name in effects):
-        model = nominal.aligned()
-    model, warnings = _with_named(model, effects)
-    return _kept(model, array, (*findings, *warnings), accept, nominal.recording.attitude)
+    model, notes, warnings = _beside_bad_readings(recording, array, effects)
+    calibration = _kept(model, array, (*findings, *warnings), accept, filled(recording).attitude)
+    return replace(calibration, notes=(*notes, *calibration.notes))
 
 
 def calibration_of(
@@ -151,9 +152,33 @@ def calibration_of(
     return replace(calibration, warnings=(*calibration.warnings, *left))
 
 
-def _with_named(model: Model, names: Collection[str]) -> tuple[Model, tuple[str, ...]]:
+def _beside_bad_readings(
+    recording: Recording, array: Array, names: Collection[str]
+) -> tuple[Model, tuple[str, ...], tuple[str, ...]]:
+    """Return the model of readings that named effects explain, which others were left out, and warnings.
+
+    A bad reading bends calibration and effects, and what effects add is no bad reading: both are found in turn.
+    """
+    model, warnings = _with_named(recording, array, names)
+    notes, place = (), np.zeros(0, dtype=int)
+    for _ in range(_MOST_TURNS):
+        if model.findings or model.world is not None:  # those say themselves which samples count
+            break
+        quiet = replace(model, recording=filled(recording)).quiet()
+        _, left_out = without_bad_readings(quiet, array)
+        if left_out is None or not left_out.is_brief or left_out.is_lasting or np.array_equal(left_out.place, place):
+            break
+        notes, place = tuple(left_out.sentences()), left_out.place
+        model, warnings = _with_named(recording.take(np.delete(np.arange(quiet.sample_count), place)), array, names)
+    return model, notes, warnings
+
+
+def _with_named(recording: Recording, array: Array, names: Collection[str]) -> tuple[Model, tuple[str, ...]]:
     """Return the model with the named effects accepted, the strongest first, and warnings of those without evidence."""
+    model = Model.nominal(recording, array)
     waiting, warnings = {name: effect_named(name) for name in names}, []
+    if any("attitude" in effect.channels for effect in waiting.values()):
+        model = model.aligned()
     for effect in waiting.values():
         reason = unusable(effect, model.recording, model.channels().covariates)
         if reason is None:

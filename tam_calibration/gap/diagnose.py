@@ -18,7 +18,7 @@ from tam_calibration.fit.consistency import accepted, residual_that_changes
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import misread_attitude
-from tam_calibration.fit.screening import without_bad_readings
+from tam_calibration.fit.screening import sound_readings
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.field_direction import field_direction
 from tam_calibration.gap.floor import floor_of
@@ -27,7 +27,6 @@ from tam_calibration.gap.nominal import ENOUGH_SAMPLES, canonical_correlations, 
 from tam_calibration.gap.result import Considered, Gap, Residue, Size, Where
 from tam_calibration.gap.search import Progress, search
 from tam_calibration.gap.steps import Search
-from tam_calibration.integrity import require_sound
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.geomagnetic_field import FieldBounds
@@ -131,9 +130,7 @@ def judge(
     """
     load_within_limit(_LIBRARIES, _LEAST_BYTES)
     array.require_recording(recording)
-    used, left_out = without_bad_readings(recording, array)
-    screened = used if left_out is not None and left_out.is_brief else None
-    faults = require_sound(recording, array, accept, sought=shown_by(installed_effects()), screened=screened)
+    used, left_out, faults = sound_readings(recording, array, accept, shown_by(installed_effects()))
     seen, of_stretches = in_stretches(recording)
     seen.check_plausible(array.field)
     gap, found = _judged(seen, array, without, progress)

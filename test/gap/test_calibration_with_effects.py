@@ -48,6 +48,23 @@ def calibration(made):
     return calibrate_with_effects(made.recording, made.scenario.array, ["temperature_drift"])
 
 
+@pytest.mark.parametrize("fault", ["spikes", "stuck"])
+def test_bad_readings_bend_neither_errors_nor_effect(made, calibration, fault):
+    """They are left out as without effects."""
+    readings_T = made.recording.readings_T.copy()
+    for start in (100, 350, 600, 800):
+        if fault == "spikes":
+            readings_T[start, 0] += 3e-6
+        else:
+            readings_T[start : start + 15, 2] = readings_T[start, 2]
+    bad = replace(made.recording, readings_T=readings_T)
+    found = calibrate_with_effects(bad, made.scenario.array, ["temperature_drift"])
+    assert any("contradict the others and are left out" in note for note in found.notes)
+    assert found.quality.grade == calibration.quality.grade
+    moved = found.errors.to_vector() - calibration.errors.to_vector()
+    assert np.all(np.abs(moved) <= 1.5 * calibration.standard_errors)
+
+
 def test_errors_and_effect_are_as_far_from_the_truth_as_their_standard_errors_say():
     """Over recordings the deviations of parameters and coefficients have the standard deviations that are stated."""
     of_errors, of_effect, of_shape = [], [], []
