@@ -247,14 +247,16 @@ class _Judge:
 
     def is_bad(self, source: SampleSource) -> NDArray[np.bool_]:
         """Return which samples (N,) hold a reading that contradicts the others."""
-        return np.concatenate([(self._ratios(block) > 1).any(axis=0) for block in source.blocks()])
+        # No distance (NaN) is beyond a limit.
+        return np.concatenate([(self._distances(block) > self._limits).any(axis=0) for block in source.blocks()])
 
     def worst(self, samples: Recording) -> IntArray:
-        """Return the sensor (N,), or K for the scalar, that contradicts the others most."""
-        return np.asarray(self._ratios(samples).argmax(axis=0), dtype=np.int64)
+        """Return the sensor (N,), or K for the scalar, that contradicts the others most.
 
-    def _ratios(self, samples: Block | Recording) -> FloatArray:
-        return np.asarray(np.nan_to_num(self._distances(samples) / self._limits))
+        Of those beyond their limits it is the farthest off: a bad reading moves the mean that all others are held to.
+        """
+        distances = np.nan_to_num(self._distances(samples))
+        return np.asarray((distances * (distances > self._limits)).argmax(axis=0), dtype=np.int64)
 
     def _distances(self, samples: Block | Recording) -> FloatArray:
         """Return each sensor's and the scalar's squared distances (K + 1, N) from the others, over their variance."""

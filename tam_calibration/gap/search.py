@@ -255,7 +255,7 @@ class _CauseSearch:
         """Return the causes of the laws, and what they leave."""
         self._tell("laws", 0.0)
         whole = residual_of(self._nominal)
-        self._gap = whole.excess
+        self._gap = self._modelled = whole.excess
         laws = self._laws_of(whole)
         remaining = self._explain_all(laws, set())
         remaining = self._reconsidered(remaining)
@@ -265,7 +265,7 @@ class _CauseSearch:
         without_cause = two & {_key(one) for one in self._open} & {_key(one) for one in remaining}
         if without_cause and two != without_cause:
             # Without a cause of one, the two may only imitate another law, and the cause of the other is doubtful.
-            self._steps, self._model, self._open = [], self._nominal, pair
+            self._steps, self._model, self._open, self._modelled = [], self._nominal, pair, self._gap
             remaining = self._explain_all(laws, two)
         return Search(
             self._nominal,
@@ -311,10 +311,11 @@ class _CauseSearch:
     def _is_small(self, law: Law) -> bool:
         """Say whether a law is too small to ask for a cause of it, mostly in sensors of a cause or of an open law.
 
-        The models of causes are right to some per cent.
+        The models of causes are right to some per cent of what they explain; samples that are left out need no model.
         """
         known = [*(step.law for step in self._steps), *(one.signature for one in self._open)]
-        return bool(known) and law.signature.energy < (LEAST_SHARE if law.signature.is_apart_from(known) else MINOR)
+        least = LEAST_SHARE if law.signature.is_apart_from(known) else MINOR
+        return bool(known) and law.signature.energy < least * self._modelled / self._gap
 
     def _reconsidered(self, remaining: tuple[Law, ...]) -> tuple[Law, ...]:
         """Replace causes by special cases that explain as much now that all causes are known; return what remains.
@@ -421,6 +422,8 @@ class _CauseSearch:
             if isinstance(form, Hypothesis) or ALL not in sensors_of(places_of(form)):
                 made = made.at_place(*sensors_and_axes(places_of(form), self._model.recording))
             self._steps.append(Step(accepted[-1], made, tuple(dict.fromkeys(as_good))))
+            if isinstance(form, Finding) and form.flagged is not None:
+                self._modelled = left.excess
         self._model = left.model if accepted == chain else self._with(accepted)
         return left
 

@@ -180,6 +180,16 @@ def test_when_they_come_is_told(wu_scenario, chosen, words):
     assert words in sentence
 
 
+def test_a_spike_belongs_to_its_sensor_which_drifts_too(wu_scenario):
+    """Its own limit is wider, and the spike moves the mean that the other sensors are compared with."""
+    recording = run_of(wu_scenario)
+    drift_T = 300e-9 * np.sin(np.arange(SAMPLES) / 50)[:, None]
+    drifting = changed(recording, slice(None), 1, lambda readings: readings + drift_T)
+    bad = changed(drifting, [100, 700], 1, lambda readings: readings + 30e-6)
+    [sentence] = without_bad_readings(bad, wu_scenario.array)[1].sentences()
+    assert sentence.startswith("2 of 1200 readings of sensor 2 contradict")
+
+
 def test_where_no_majority_is_clear_nothing_is_left_out(wu_scenario):
     """A sensor that is off from the middle on is no few readings."""
     recording = changed(run_of(wu_scenario), slice(600, None), 2, CHANGES["off"])

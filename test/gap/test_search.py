@@ -386,7 +386,7 @@ def hummed(made):
     return made.with_row(9, 5e-9 * np.sin(2 * np.pi * 2.3 * made.recording.time_s + 0.7))
 
 
-def spiked(made):
+def spiked(made, times=1.0):
     """Return the run with a dozen spikes in sensor 2."""
     generator = np.random.default_rng(7)
     spikes = np.zeros((SAMPLES, 13))
@@ -394,7 +394,7 @@ def spiked(made):
     spikes[hit[:, None], np.arange(3, 6)] = generator.choice([-1, 1], (12, 3)) * generator.uniform(
         30e-9, 90e-9, (12, 3)
     )
-    return made.with_added(spikes)
+    return made.with_added(times * spikes)
 
 
 def noisy(made):
@@ -465,6 +465,17 @@ def test_two_effects_are_both_found(run):
         ("nonlinearity", (3,)),
     }
     assert sum(cause.share for cause in gap.causes) == pytest.approx(1)
+
+
+def test_a_drift_beside_spikes_that_are_most_of_the_gap_is_found(run):
+    """Samples that are left out need no model, whose errors could look like a small law."""
+    made = spiked(bent(run(SAMPLES)), times=300)
+    gap = diagnose(made.recording, made.array)
+    assert gap.verdict == "explained"
+    assert {(cause.fitted.effect, cause.sensors) for cause in gap.causes} == {
+        ("outliers", (2,)),
+        ("nonlinearity", (3,)),
+    }
 
 
 def test_noise_does_not_hide_a_weaker_cause_in_its_sensor(run):
