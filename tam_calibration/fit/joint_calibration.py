@@ -173,11 +173,10 @@ def _as_far_as_they_agree(
     scalar = None if "scalar" in accept else turning_scalar(recording, array)
     if scalar is None:
         return _with_motion(recording, array, known)
-    given = recording, known
-    without = (
-        replace(recording.whole(), scalar_T=None),
-        replace(known, intensity=Intensity(scalar.mean_T, scalar.size_T)),
-    )
+    alone = replace(recording.whole(), scalar_T=None)
+    if scalar.is_useless:
+        return _with_motion(alone, array, known).noting(doubt=scalar.sentence)
+    given, without = (recording, known), (alone, replace(known, intensity=Intensity(scalar.mean_T, scalar.size_T)))
     (taken, used), (other, other_known) = (without, given) if scalar.is_most else (given, without)
     with adding(scalar.sentence):
         joint = _with_motion(taken, array, used).noting(scalar.sentence)

@@ -21,6 +21,7 @@ from numpy.linalg import norm
 
 from tam_calibration.core.least_squares import whitening
 from tam_calibration.core.noise import BLOCKS, SlowSums, complete_noise, slow_cosines
+from tam_calibration.correction.acceptance import LARGEST_RELATIVE_ERROR
 from tam_calibration.fit.coverage import ellipsoid_rows
 from tam_calibration.model.array import Array
 from tam_calibration.model.recording import SKETCH, SampleSource
@@ -213,9 +214,15 @@ class TurningScalar:
     is_most: bool
 
     @property
+    def is_useless(self) -> bool:
+        """Whether its mean leaves the scale of the sensors open, some of which exceeds 1 by up to a fifth."""
+        return self.is_most and 1.2 * self.size_T > LARGEST_RELATIVE_ERROR * self.mean_T
+
+    @property
     def sentence(self) -> str:
         """What it is and what became of it, for people."""
-        counts = "so only its mean is used" if self.is_most else "and the standard errors include that"
+        used = "it is not used" if self.is_useless else "only its mean is used"
+        counts = f"so {used}" if self.is_most else "and the standard errors include that"
         size = f"{rounded(to_nanotesla(self.size_T))} nT"
         return f"{FOLLOWS} by {size}, as near a magnet or a current, {counts}: move it away, or fit its heading error"
 

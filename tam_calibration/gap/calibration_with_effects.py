@@ -160,7 +160,8 @@ def _beside_bad_readings(
     A bad reading bends calibration and effects, and what effects add is no bad reading: both are found in turn.
     """
     model, warnings = _with_named(recording, array, names)
-    notes, place = (), np.zeros(0, dtype=int)
+    notes: tuple[str, ...] = ()
+    place = np.zeros(0, dtype=int)
     for _ in range(_MOST_TURNS):
         if model.findings or model.world is not None:  # those say themselves which samples count
             break

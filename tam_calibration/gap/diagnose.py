@@ -18,6 +18,7 @@ from tam_calibration.fit.consistency import accepted, residual_that_changes
 from tam_calibration.fit.identifiability import require_determined
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
 from tam_calibration.fit.recorded_attitude import misread_attitude
+from tam_calibration.fit.reference import turning_scalar
 from tam_calibration.fit.screening import sound_readings
 from tam_calibration.gap.conclude import conclude
 from tam_calibration.gap.field_direction import field_direction
@@ -236,6 +237,8 @@ def objections_to(recording: SampleSource, array: Array) -> tuple[str, str]:
     """
     some = recording.thinned(ENOUGH_SAMPLES)
     try:
+        if (scalar := turning_scalar(some, array)) is not None and scalar.is_most:
+            return "", scalar.sentence
         require_determined(some, array)
         return "", residual_that_changes(some, accepted(some, array, maximum_likelihood))
     except (InputError, Refused) as problem:

@@ -12,7 +12,6 @@ from swinging_circle import COUNT, RATE_HZ, WORLD_T, attitude_at, made
 
 from tam_calibration.fit import calibrate
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
-from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.units import from_degrees
 
 
@@ -32,10 +31,15 @@ def test_a_magnet_beside_the_scalar_costs_its_precision_only(size_T):
     assert found.has_scalar_reference and worst(found) < 4
 
 
-def test_a_large_size_has_no_exponent():
-    """Nor more digits than are known. A refusal says why the scalar was not used."""
-    with pytest.raises(InputError, match="the scalar follows the direction of the field by 1500 nT, as near"):
-        calibrate(read_beside(circles(), 1, 1.5e-6 * np.array([0.6, -0.64, 0.48])), CROSS)
+def test_a_scalar_that_leaves_the_scale_open_is_not_used():
+    """The calibration is that without a scalar. The size has no exponent, nor more digits than are known."""
+    recording = read_beside(circles(), 1, 1.5e-6 * np.array([0.6, -0.64, 0.48]))
+    found, without = calibrate(recording, CROSS), calibrate(replace(recording, scalar_T=None), CROSS)
+    assert any(
+        one.startswith("the scalar follows the direction of the field by 1500 nT, as near") for one in found.warnings
+    )
+    assert not found.has_scalar_reference
+    assert_allclose(found.errors.to_vector(), without.errors.to_vector(), rtol=0, atol=1e-9)
 
 
 def test_soft_iron_beside_the_scalar_has_the_size_of_its_amplitude():

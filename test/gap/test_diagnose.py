@@ -192,6 +192,15 @@ def test_what_came_near_for_a_while_is_told_first(run):
     assert gap.remarks[0] == f"tam calibrate would doubt this recording: {doubt}."
 
 
+def test_a_scalar_that_follows_the_direction_is_told(run):
+    """A magnet beside it looks like biases of all sensors, which leave no gap."""
+    made = run(600)
+    made = made.with_row(made.row_count - 1, 50e-9 * made.recording.readings_T[:, 0, 0] / 5e-5)
+    (doubt,) = (one for one in calibrate(made.recording, made.array).warnings if "the scalar follows" in one)
+    gap = diagnose(made.recording, made.array)
+    assert (gap.verdict, gap.remarks[0]) == ("no_gap", f"tam calibrate would doubt this recording: {doubt}.")
+
+
 def test_one_absurd_reading_is_no_other_cause(run):
     """A sample of one tesla in all sensors breaks nothing."""
     made = run(400)
