@@ -44,9 +44,6 @@ _AUTO = "auto"
 """Given instead of names: the effects that a diagnosis finds."""
 
 
-_MOST_TURNS = 8
-"""Fits without bad readings; two or three are enough where effects and bad readings differ."""
-
 _FOR_SIMULATIONS = "kept for simulations, and not taken off corrected data"
 
 _BY_ATTITUDE = "known beside the attitude, and left in corrected data, where it takes less off than noise adds"
@@ -147,7 +144,7 @@ def calibration_of(
     model = found.nominal if gap.verdict == "no_gap" else found.model
     left = (gap.statement,) if gap.verdict in ("partly_explained", "unexplained") else ()
     if model.parts or model.findings or model.world is not None:
-        return _kept(model, array, (*warnings, *left), accept, model.recording.attitude)
+        return _kept(model, array, (*warnings, *left), accept, filled(recording).attitude)
     calibration = calibrate(recording, array, accept=accept)
     return replace(calibration, warnings=(*calibration.warnings, *left))
 
@@ -162,7 +159,7 @@ def _beside_bad_readings(
     model, warnings = _with_named(recording, array, names)
     notes: tuple[str, ...] = ()
     place = np.zeros(0, dtype=int)
-    for _ in range(_MOST_TURNS):
+    for _ in range(8):  # two or three are enough where effects and bad readings differ
         if model.findings or model.world is not None:  # those say themselves which samples count
             break
         quiet = replace(model, recording=filled(recording)).quiet()

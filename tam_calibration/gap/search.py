@@ -31,6 +31,7 @@ from tam_calibration.gap.result import Considered
 from tam_calibration.gap.size import Evidence, examine, sharpened, unusable
 from tam_calibration.gap.steps import LEAST_EVIDENCE, MOST_CAUSES, Search, Step, absorbed, is_new, special_case
 from tam_calibration.model.array import Array
+from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.fitted_effect import ALL
 from tam_calibration.model.fitted_effect import SCALAR as SCALAR_ROW
 from tam_calibration.model.recording import Recording
@@ -232,6 +233,10 @@ def search(
 
     tell("nominal calibration", 0.0)
     nominal = Model.nominal(recording, array)
+    try:
+        nominal = nominal.aligned()
+    except InputError:  # an attitude that was written otherwise than expected, as a remark says
+        nominal = replace(nominal, recording=replace(nominal.recording, attitude=None))
     best = _CauseSearch(nominal, without, tell).run()
     if not best.is_clean and (steady := nominal.steady()) is not None:
         other = _CauseSearch(steady, without, tell).run()

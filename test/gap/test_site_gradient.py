@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tam_calibration.fit import calibrate
 from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
+from tam_calibration.gap.diagnose import diagnose
 from tam_calibration.model.array import TENSOR_COLUMNS, TENSOR_ROWS, Array
 from tam_calibration.model.exceptions import InputError, Refused
 from tam_calibration.model.units import from_degrees
@@ -58,6 +59,15 @@ def test_errors_lie_within_their_standard_errors(scenario, position_m):
         gradients.append(((found - GRADIENT[TENSOR_ROWS, TENSOR_COLUMNS]) / standard_errors) ** 2)
     assert abs(np.mean(scores) - 45) < 6.9
     assert np.mean(gradients) == pytest.approx(1, abs=0.46)
+
+
+def test_a_diagnosis_finds_the_gradient_by_an_attitude_that_is_mounted_askew(scenario):
+    """As a calibration with its name does; an inverse attitude is not used."""
+    recording = simulate(scenario).recording
+    gap = diagnose(turned_by(recording, 8.0), scenario.array)
+    assert (gap.verdict, gap.named) == ("explained", ("ambient_gradient",))
+    inverse = replace(recording, attitude=recording.attitude * [-1, -1, -1, 1])
+    assert "ambient_gradient" not in diagnose(inverse, scenario.array).named
 
 
 def test_the_price_is_small(wu_run, wu_scenario, scenario):
