@@ -30,7 +30,7 @@ from tam_calibration.model.data_sheet import Gyroscope
 from tam_calibration.model.exceptions import InputError
 from tam_calibration.model.recording import BLOCK, Recording
 from tam_calibration.model.sensor_errors import crossing
-from tam_calibration.model.units import FloatArray, from_degrees, to_degrees
+from tam_calibration.model.units import FloatArray, from_degrees, rounded, to_degrees
 
 _STEP_S, _FINER_STEPS_S = 0.8, (0.4, 0.2)
 """Distances between knots, seconds: vehicles sway within some seconds. A finer one is taken where it halves the
@@ -160,13 +160,16 @@ def path_of(time_s: FloatArray, position_m: FloatArray, error_m: float | None = 
     Raises
     ------
     InputError
-        When there are fewer than four positions.
+        When there are fewer than four positions, or they move faster than a platform does.
     """
     is_new = np.asarray(np.isfinite(position_m).all(axis=1))
     is_new[1:] &= (position_m[1:] != position_m[:-1]).any(axis=1)
     times, places = time_s[is_new], position_m[is_new]
     if len(times) < 4:
         raise InputError(f"the recording has {len(times)} different positions, and a line needs four: record them")
+    speed = float(np.linalg.norm(np.ptp(places, axis=0)) / (times[-1] - times[0]))
+    if speed > 150.0:  # metres per second: no aircraft surveys as fast
+        raise InputError(f"the positions move at {rounded(speed)} m/s: state them in metres")
     least = 2 * float(time_s[-1] - time_s[0]) / len(times)
     best, chosen = np.inf, None
     for step in [max(_STEP_S, least), *(step for step in _FINER_STEPS_S if step > least)]:

@@ -42,6 +42,12 @@ def test_a_repeated_position_counts_once():
     assert np.abs(path_of(TIME_S, held).at(TIME_S[:590]) - TRUE_M[:590]).max() < 0.02
 
 
+def test_positions_in_millimetres_are_refused():
+    """They move at a thousand times the speed."""
+    with pytest.raises(InputError, match="the positions move at 1000 m/s: state them in metres"):
+        path_of(TIME_S, 1000 * TRUE_M)
+
+
 def test_a_drift_is_in_the_error_and_grows_slowly():
     """The error at one moment is the drift, that between two close moments far less."""
     path = path_of(TIME_S, TRUE_M, drift_m=0.3)
