@@ -43,6 +43,7 @@ def _answer(results: Sequence[Result], points: Sequence[str]) -> str:
 @terminal.path_option(
     "--calibration", "Calibration YAML to correct with; its effects are removed first. By default each recording's own."
 )
+@terminal.effects_option
 @click.option("-o", "--output", type=terminal.PATH, required=True, help="Folder of the results.")
 @click.option("--jobs", type=terminal.JOBS, help="Number of processes on this machine; by default one for each core.")
 @click.option("--scheduler", help="Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work.")
@@ -52,6 +53,7 @@ def command(
     recordings: tuple[str, ...],
     array_path: Path,
     calibration_path: Path | None,
+    effects: tuple[str, ...],
     output: Path,
     jobs: int | None,
     scheduler: str | None,
@@ -68,7 +70,7 @@ def command(
     from tam_calibration.fleet.batch import find_recordings, require_separate_folder, run_batch
     from tam_calibration.fleet.task import read_options
 
-    options = read_options(array_path, calibration_path, how)
+    options = read_options(array_path, calibration_path, how, effects)
     paths = find_recordings(recordings, without=output)
     inputs = [*paths, *(path for path in (array_path, calibration_path) if path is not None)]
     require_separate_folder(output, inputs)

@@ -13,10 +13,8 @@ from rich.progress import Progress
 from tam_calibration.cli import terminal
 from tam_calibration.cli.terminal import Answer, answering
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.effects.library import installed_effects
 from tam_calibration.fit import DEFAULT_METHOD, METHODS, calibrate
 from tam_calibration.fit.consistency import naming_causes
-from tam_calibration.integrity.fault import names_in
 from tam_calibration.messages.samples import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError
@@ -42,7 +40,7 @@ class Wanted:
     place: str | None
     prior_path: Path | None
     attitude_noise_deg: float | None
-    effects: str | None
+    effects: tuple[str, ...]
     estimate_delays: bool
     accept: tuple[str, ...]
 
@@ -116,12 +114,7 @@ def _remarks(found: Found) -> list[str]:
     help="Use the recorded attitude in the fit: its standard deviation about each axis, or estimate. It must come from "
     "gyroscope and accelerometer; the heading of an AHRS with a magnetometer is left out.",
 )
-@click.option(
-    "--effects",
-    shell_complete=terminal.completed(lambda: ("auto", *installed_effects())),
-    help="Also fit effects and keep them in the calibration: names such as temperature_drift,current_interference, or "
-    "auto for those that tam diagnose finds.",
-)
+@terminal.effects_option
 @terminal.path_option(
     "--source", "YAML of a known source and its recording: also fit baselines, common frame and places of the axes."
 )
@@ -203,7 +196,7 @@ def _delays_in_words(delays: "Delays") -> str:
 def _fit_of(wanted: Wanted) -> Callable[[SampleSource, Array], Calibration]:
     """Return the fit that the options ask for: of the errors alone, with a prior, or together with effects."""
     field_T = field_at(wanted.place) if wanted.place is not None and wanted.is_joint else None
-    if wanted.effects is None:
+    if not wanted.effects:
         return partial(
             calibrate,
             method=wanted.method,
@@ -215,12 +208,9 @@ def _fit_of(wanted: Wanted) -> Callable[[SampleSource, Array], Calibration]:
         raise InputError("--prior and --attitude-noise-deg do not go with --effects: take one after the other")
     if wanted.method != DEFAULT_METHOD:
         raise InputError(f"{wanted.method} cannot fit effects: {DEFAULT_METHOD} can")
-    names = names_in(wanted.effects)
-    if not names:
-        raise InputError("--effects names none: give names such as temperature_drift, or auto")
     from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 
-    return lambda samples, array: calibrate_with_effects(samples.whole(), array, names, accept=wanted.accept)
+    return lambda samples, array: calibrate_with_effects(samples.whole(), array, wanted.effects, accept=wanted.accept)
 
 
 def _calibrate(path: Path, array_path: Path, wanted: Wanted, how: Reading, progress: Progress) -> Found:

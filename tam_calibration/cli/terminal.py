@@ -19,8 +19,9 @@ from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
 from tam_calibration.cli.streams import GradedBad, say
+from tam_calibration.effects.library import effect_named, installed_effects
 from tam_calibration.files.text_files import to_json, write_set
-from tam_calibration.integrity.fault import ACCEPTABLE
+from tam_calibration.integrity.fault import ACCEPTABLE, names_in
 from tam_calibration.messages.samples import Progress as ProgressCallback
 from tam_calibration.model.exceptions import InputError, Refused, printable
 from tam_calibration.model.libraries import require
@@ -78,6 +79,24 @@ def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, cl
         return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
 
     return complete
+
+
+def _effects_in(_: click.Context, __: click.Parameter, text: str | None) -> tuple[str, ...]:
+    names = () if text is None else tuple(names_in(text))
+    if not names and text is not None:
+        raise InputError("--effects names none: give names such as temperature_drift, or auto")
+    for name in set(names) - {"auto"}:
+        effect_named(name)
+    return names
+
+
+effects_option = click.option(
+    "--effects",
+    callback=_effects_in,
+    shell_complete=completed(lambda: ("auto", *installed_effects())),
+    help="Also fit effects and keep them in the calibration: names such as temperature_drift,current_interference, or "
+    "auto for those that tam diagnose finds.",
+)
 
 
 accept_option = click.option(

@@ -17,6 +17,7 @@ from tam_calibration.correction.calibration import Calibration
 from tam_calibration.files.text_files import replace_folder, to_json, unfinished
 from tam_calibration.fit import calibrate
 from tam_calibration.gap import diagnose
+from tam_calibration.gap.calibration_with_effects import calibrate_with_effects
 from tam_calibration.messages.samples import Usage
 from tam_calibration.model.array import Array
 from tam_calibration.model.exceptions import InputError, Refused, printable, sensors_in_words
@@ -158,6 +159,8 @@ class Options:
         What recordings are corrected with, its effects taken off first; by default each with its own calibration.
     how : Reading
         How recordings are read.
+    effects : tuple of str
+        Names of effects that are fitted too, as of ``calibrate_with_effects``.
     digest : str
         Of all these and of the software's version.
     """
@@ -165,10 +168,19 @@ class Options:
     array: Array
     calibration: Calibration | None
     how: Reading
+    effects: tuple[str, ...]
     digest: str
 
+    def fit(self, samples: SampleSource) -> Calibration:
+        """Return the calibration of the samples of a recording, with the effects that are asked for."""
+        if not self.effects:
+            return calibrate(samples, self.array)
+        return calibrate_with_effects(samples.whole(), self.array, self.effects)
 
-def read_options(array_path: Path, calibration_path: Path | None, how: Reading) -> Options:
+
+def read_options(
+    array_path: Path, calibration_path: Path | None, how: Reading, effects: tuple[str, ...] = ()
+) -> Options:
     """Return what is asked for every recording.
 
     Parameters
@@ -179,6 +191,8 @@ def read_options(array_path: Path, calibration_path: Path | None, how: Reading) 
         Calibration to correct all recordings with; None where each is corrected with its own.
     how : Reading
         How recordings are read.
+    effects : tuple of str
+        Names of effects that are fitted too.
 
     Raises
     ------
@@ -194,8 +208,9 @@ def read_options(array_path: Path, calibration_path: Path | None, how: Reading) 
         "array": array_to_mapping(array),
         "calibration": None if calibration is None else results.calibration_to_yaml(calibration),
         "how": repr(how),
+        "effects": effects,
     }
-    return Options(array, calibration, how, sha256(to_json(asked).encode()).hexdigest())
+    return Options(array, calibration, how, effects, sha256(to_json(asked).encode()).hexdigest())
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +312,7 @@ def _work(task: Task, folder: Path) -> Result:
     if steps.problems:
         return task.result(steps.status, steps.problems)
     with steps.step("calibrate"):
-        fitted = fit_with_usage(source, usage, lambda samples: calibrate(samples, options.array))
+        fitted = fit_with_usage(source, usage, options.fit)
         own = replace(fitted, source=origin)
         results.write_calibration(folder / "calibration.yaml", own)
         rest["sensors"] = results.calibration_to_mapping(own)["sensors"]

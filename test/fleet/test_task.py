@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -65,6 +66,22 @@ def test_a_given_calibration_corrects(folder, asked, recording, cross):
     own = read_calibration(task.folder / "calibration.yaml")
     assert result.sensors[0]["scale_factor"] == own.errors.scale_factor[0].tolist()
     assert (own.errors.scale_factor < given.errors.scale_factor).all()
+
+
+def test_effects_are_fitted_and_removed(folder, asked, recording):
+    """The calibration keeps them, and those that a recording lacks a channel for are an answer."""
+    path = folder / "missions/auv_1/dive_0.csv"
+    current_A = np.tile([0.0, 1.0], len(recording.time_s) // 2)
+    bent_T = recording.readings_T + 100e-9 * current_A[:, None, None]
+    write_recording(path, replace(recording, readings_T=bent_T, current_A=current_A))
+    how = Reading(tolerance_s=1e-3)
+    options = read_options(folder / "array.yaml", None, how, ("current_interference",))
+    assert options.digest != read_options(folder / "array.yaml", None, how).digest
+    task, _ = do(folder, "auv_1/dive_0.csv", options)
+    (fitted,) = read_calibration(task.folder / "calibration.yaml").effects
+    assert fitted.effect == "current_interference"
+    _, result = do(folder, "auv_1/dive_1.mcap", options)
+    assert "needs the current channel" in result.problems["calibrate"]
 
 
 def test_what_cannot_be_calibrated_is_an_answer(folder, options, asked):
