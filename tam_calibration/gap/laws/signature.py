@@ -287,7 +287,7 @@ def _merged(laws: list[Law]) -> list[Law]:
         one = law.signature
         drives = [found.best.pattern.drive for found in law.found if one.course == "channel"]
         lag = tuple(drive.tobytes() for drive in drives if drive is not None)
-        follows_one = one.course in ("channel", "motion", "constant")
+        follows_one = one.course in ("channel", "constant")
         key = one.law, one.course, one.follows, lag if follows_one else one.sensors
         merged[key] = _joined(merged[key], law) if key in merged else law
     return list(merged.values())

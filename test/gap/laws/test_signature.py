@@ -100,6 +100,17 @@ def test_a_wreck_that_passes(run):
         assert causes_of(law)[0].name == "disturbed_field"
 
 
+def test_a_heading_error_is_no_part_of_a_gradient(run):
+    """An error of the scalar by direction and a field that is not uniform are two laws, though attitude makes both."""
+    clean = run(samples=900)
+    residual, attitude = residual_of(clean.model()), Rotation.from_quat(clean.recording.attitude)
+    gradient_T_per_m = 2e-8 * np.array([[1.0, 0.5, 0.0], [0.5, -0.6, 0.8], [0.0, 0.8, -0.4]])
+    sensors = [attitude.inv().apply(attitude.apply(one) @ gradient_T_per_m) for one in clean.array.positions_m]
+    heading = 10e-9 * (residual.field @ [0.6, -0.64, 0.48]) ** 3
+    laws = signature(clean.with_added(np.column_stack([*sensors, heading])))
+    assert {(law.law, law.sensors) for law in laws[:2]} == {("attitude", ("scalar",)), ("attitude", (1, 2, 3, 4))}
+
+
 def test_an_axis_that_falls_behind_in_fast_turns(run):
     """An axis that is off where its own field changes fast has a law of the rate that goes with the motion."""
     clean = run(samples=900)
