@@ -143,6 +143,7 @@ class Intake:
         self._factor = self.pick.factor if is_of_field(self.stream) else 1.0
         self._range: Range | None = None
         self._counter: Counter | None = None
+        self._before: FloatArray = np.empty((0, 3))
 
     @property
     def is_detected(self) -> bool:
@@ -210,12 +211,17 @@ class Intake:
         return unit
 
     def _unwrapped(self, raw: FloatArray, is_there: NDArray[np.bool_]) -> FloatArray:
-        if self._counter is None:
-            self._counter = Counter.of(raw[is_there])
+        """Return readings without overflows; the first of these may be in any batch."""
+        there = raw[is_there]
+        if self._counter is None or not len(self._before):
+            self._counter = Counter.of(there)
+        else:
+            self._counter.look(self._before, there)
+        self._before = there if len(there) else self._before
         if not self._counter.axes:
             return raw
         if not self.unwrap:
-            raise InputError(f"{in_words(self.stream)} {self._counter.overflows(raw[is_there])[0]}")
+            raise InputError(f"{in_words(self.stream)} {self._counter.overflows(there)[0]}")
         return self._counter.unwrapped(raw, is_there)
 
 
@@ -353,6 +359,25 @@ class Counter:
         if axes:
             counter._turns = cls(axes, sizes)._turns_before(raw)
         return counter
+
+    def look(self, before: FloatArray, raw: FloatArray) -> None:
+        """Add the counters that overflow in readings (n, 3) for the first time, and did not in those (m, 3) before.
+
+        Raises
+        ------
+        InputError
+            When one did, which these alone did not show.
+        """
+        found = Counter.of(np.vstack([before, raw]))
+        for axis in found.axes.keys() - self.axes.keys():
+            bits, size = found.axes[axis], found.sizes[axis]
+            if (np.abs(np.diff(before[:, axis])) > _JUMP * size).any():
+                raise InputError(
+                    f"axis {'xyz'[axis]} of a sensor overflows by 2^{bits} counts, and too seldom at first to be seen: "
+                    "read the recording from there on with --from"
+                )
+            self.axes[axis], self.sizes[axis] = bits, size
+            self._turns[axis], self._last[axis] = 0, float(before[-1, axis])
 
     def _turns_before(self, raw: FloatArray) -> dict[int, int]:
         """Return the turns of each counter before the first of readings (n, 3), with which the intensity varies least.

@@ -143,6 +143,30 @@ def test_overflows_are_taken_out(bits, batches):
     assert_array_equal(np.concatenate(parts), exact)
 
 
+def late(bits, still=1000):
+    """Return readings as of ``wrapped`` that first stay within the range of the counter for some samples."""
+    exact, _ = wrapped(bits)
+    exact[:still] = np.round(exact[:still] * np.linspace(0.3, 0.4, still)[:, None])
+    exact[still : still + 100] = np.round(exact[still : still + 100] * np.linspace(0.4, 1, 100)[:, None])
+    shown = exact.copy()
+    shown[:, :2] = (exact[:, :2] + 2.0**bits / 2) % 2.0**bits - 2.0**bits / 2
+    assert (shown[:still] == exact[:still]).all() and (shown != exact).any()
+    return exact, shown
+
+
+@pytest.mark.parametrize("parts", [2, 5])
+def test_overflows_may_begin_in_a_later_batch(parts):
+    """Readings that overflow after the first batch only are refused, or unwrapped, as in one batch."""
+    exact, shown = late(16)
+    batches = np.array_split(shown, parts)
+    one = intake(pick=Pick(topic="/mag", scale_nT=1e9), unwrap=True)
+    assert_array_equal(np.concatenate([one.take(batch)[0] for batch in batches]), exact)
+    other = intake(pick=Pick(topic="/mag", scale_nT=1e9))
+    with pytest.raises(InputError, match=r"its counter of 16 bits overflows; read it with --unwrap"):
+        for batch in batches:
+            other.take(batch)
+
+
 def test_a_sensor_may_have_axes_that_are_no_counters():
     """The steps of each axis tell its counter: others may be written with more digits."""
     exact, shown = wrapped(16)
