@@ -212,8 +212,10 @@ def _strongest(residual: Residual, again: Repeats | None) -> list[Found]:
 def _of_sensors(residual: Residual, tried: list[Candidate]) -> list[Candidate]:
     """Return the laws without those of a gradient that changes, if one of the sensors explains more in several."""
     of_sensors = [one for one in tried if not _is_gradient(one)]
-    single = next(one for one in of_sensors if len(one.pattern.sensors) == 1)
-    return of_sensors if in_its_sensors(residual, single).evidence > tried[0].evidence else tried
+    single = next((one for one in of_sensors if len(one.pattern.sensors) == 1), None)
+    if single is None or in_its_sensors(residual, single).evidence <= tried[0].evidence:
+        return tried
+    return of_sensors
 
 
 def _is_gradient(one: Candidate) -> bool:

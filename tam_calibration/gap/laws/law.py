@@ -112,10 +112,10 @@ class Signature:
         return replace(self, law=name, course=course, follows="motion" if course == "motion" else None, curve=curve)
 
     def at_place(self, sensors: Place, axes: tuple[str, ...]) -> "Signature":
-        """Return the law at the place of its cause, where that is one of its sensors or all of them and more.
+        """Return the law at the place of its cause, where that is the scalar, one of its sensors, or all and more.
 
         Of several sensors those in which a cause is small are left out. What several sensors have shows at the scalar
-        too.
+        too, and some of what the scalar has looks like a field at all sensors.
 
         Parameters
         ----------
@@ -123,10 +123,11 @@ class Signature:
             Where the cause acts.
         """
         shows = {*sensors, *(SCALAR if len(sensors) > 1 else ())}
-        is_there = shows >= set(self.sensors) or (len(sensors) == 1 and sensors[0] in self.sensors)
+        is_one = len(sensors) == 1 and (sensors[0] in self.sensors or sensors == SCALAR)
         law = self
-        if is_there and sensors not in self.places:
-            law = replace(self, sensors=sensors, places=(sensors,), axes=self.axes or axes)
+        if (is_one or shows >= set(self.sensors)) and sensors not in self.places:
+            axes_there = () if sensors == SCALAR else self.axes or axes
+            law = replace(self, sensors=sensors, places=(sensors,), axes=axes_there)
         return replace(law, axes=axes) if sensors == law.sensors and axes and set(axes) <= set(law.axes) else law
 
 

@@ -52,6 +52,9 @@ def test_an_axis_of_a_cause_in_the_same_sensor():
     assert either.at_place((3,), ("x", "y", "z")).places == either.places
     common = Signature("offset", "slow", SCALAR, (), 1.0, (SCALAR, (1, 2, 3, 4)), None, (), 100.0)
     assert common.at_place(SCALAR, ()) == common
+    everywhere = replace(law, sensors=(1, 2, 3, 4), places=((1, 2, 3, 4),))
+    at_scalar = everywhere.at_place(SCALAR, ())
+    assert (at_scalar.sensors, at_scalar.places, at_scalar.axes) == (SCALAR, (SCALAR,), ())
 
 
 def test_what_several_sensors_have_shows_at_the_scalar():

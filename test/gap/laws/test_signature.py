@@ -100,6 +100,16 @@ def test_a_wreck_that_passes(run):
         assert causes_of(law)[0].name == "disturbed_field"
 
 
+def test_a_large_gradient(run):
+    """A field that is not uniform by thousands of the noise leaves no sensor that any other law explains."""
+    clean = run(samples=900)
+    attitude = Rotation.from_quat(clean.recording.attitude)
+    gradient = 1e-5 * np.array([[1.0, 0.5, 0.0], [0.5, -0.6, 0.8], [0.0, 0.8, -0.4]])
+    sensors = [attitude.inv().apply(attitude.apply(one) @ gradient) for one in clean.array.positions_m]
+    first = signature(clean.with_added(np.column_stack([*sensors, np.zeros(900)])))[0]
+    assert (first.law, first.course, first.sensors) == ("attitude", "motion", (1, 2, 3, 4))
+
+
 def test_a_heading_error_is_no_part_of_a_gradient(run):
     """An error of the scalar by direction and a field that is not uniform are two laws, though attitude makes both."""
     clean = run(samples=900)
