@@ -428,7 +428,7 @@ class _CauseSearch:
                 made = made.at_place(*sensors_and_axes(places_of(form), self._model.recording))
             self._steps.append(Step(accepted[-1], made, tuple(dict.fromkeys(as_good))))
             if isinstance(form, Finding) and form.flagged is not None:
-                self._modelled = left.excess
+                self._modelled -= residual_of(self._model).excess - left.excess
         self._model = left.model if accepted == chain else self._with(accepted)
         return left
 
