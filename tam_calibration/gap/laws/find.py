@@ -10,11 +10,10 @@ from tam_calibration.effects.grades import FEWEST, MINOR, MOST, NEGLIGIBLE, NOTA
 from tam_calibration.effects.states import MOST_STEPS
 from tam_calibration.gap.laws.candidates import candidates
 from tam_calibration.gap.laws.decisions import FREEDOM, LEAST_EVIDENCE, LEAST_SHARE, MOST_TRIED, TIE, TOLERANCE
-from tam_calibration.gap.laws.evidence import Bins
-from tam_calibration.gap.laws.law import SCALAR, Course, Place
-from tam_calibration.gap.laws.patterns import Candidate, changed_own_field, switched_gains
+from tam_calibration.gap.laws.law import Course, Place
+from tam_calibration.gap.laws.patterns import Candidate, switched_gains
 from tam_calibration.gap.laws.sensors import in_its_sensors
-from tam_calibration.gap.laws.states import jumping, sharpened, steps
+from tam_calibration.gap.laws.states import jumping, sharpened
 from tam_calibration.gap.laws.whitened import Residual
 from tam_calibration.model.units import FloatArray
 
@@ -245,24 +244,11 @@ def _refined(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
         chosen += [one for one in switched if one.axes == gain.axes or len(one.axes) == 3]
     jumps = [jump for pattern in chosen for jump in jumping(residual, pattern)]
     yield from jumps
-    yield from _reshaped(residual, [*tried, *jumps])
     two_states = sorted((one for one in jumps if one.begins_on is not None), key=lambda one: -one.evidence)
     for one in two_states[:4]:
         is_coarse = one.evidence > 0.8 * top and one.bins is not None and one.bins.order.shape[1] > 1
         if is_coarse and (fine := sharpened(residual, one)) is not None:
             yield fine
-
-
-def _reshaped(residual: Residual, tried: list[Candidate]) -> Iterator[Candidate]:
-    """Yield steps of functions of the own reading, where these explain more than offsets and gains that jump."""
-    least, bins = (1 - MINOR) * max(one.evidence for one in tried), Bins.of_time(residual.time_s)
-    jumps = [one for one in tried if one.steps and one.evidence > least and len(one.pattern.sensors) == 1]
-    jumps = [one for one in jumps if one.pattern.sensors != SCALAR]
-    for one in sorted(jumps, key=lambda one: -one.evidence)[:2]:
-        pattern = changed_own_field(residual, int(one.pattern.sensors[0]), one.pattern.axes)
-        step = next(steps(pattern, pattern.sums(residual, bins), bins))
-        if step.evidence > one.evidence + TIE:
-            yield step
 
 
 def _in_question(residual: Residual, tried: list[Candidate], again: Repeats | None) -> list[Candidate]:

@@ -176,7 +176,7 @@ def in_every_sensor(residual: Residual, law: "Candidate") -> Pattern | None:
     """
     pattern, drive = law.pattern, law.drive(residual)
     if pattern.law == "own_field":
-        own = functions_of_readings(residual, range(3 * residual.sensor_count), has_line=bool(law.steps))
+        own = functions_of_readings(residual, range(3 * residual.sensor_count))
         return _at(pattern.law, residual, _every(residual), own * drive[:, None, :1], pattern.follows)
     steady = {"offset": np.ones((residual.count, 1)), "gain": residual.field, "rate": residual.rate}
     of_row = pattern.shifts[:, 0]
@@ -189,21 +189,9 @@ def in_every_sensor(residual: Residual, law: "Candidate") -> Pattern | None:
     return _at(pattern.law, residual, _every(residual), values).times(drive, pattern.follows)
 
 
-def functions_of_readings(residual: Residual, rows: Sequence[int], has_line: bool) -> FloatArray:
-    """Return functions (N, r, F) of what axes sense, with those that offsets and gains are or without."""
-    sensed = residual.sensed.T
-    parts = [_curves_and_loops(sensed[row]) for row in rows]
-    if has_line:
-        one = np.ones(residual.count)
-        parts = [np.column_stack([one, sensed[row], part]) for row, part in zip(rows, parts, strict=True)]
-    return np.stack(parts, axis=1)
-
-
-def changed_own_field(residual: Residual, sensor: int, axes: tuple[str, ...]) -> Pattern:
-    """Return functions of the own readings of some axes of a sensor, with those that offsets and gains are."""
-    rows = sensor_rows(sensor)[[AXES.index(axis) for axis in axes]]
-    own = functions_of_readings(residual, rows.tolist(), has_line=True)
-    return Pattern("own_field", (sensor,), axes, rows, own)
+def functions_of_readings(residual: Residual, rows: Sequence[int]) -> FloatArray:
+    """Return functions (N, r, F) of what axes sense, without those that offsets and gains are."""
+    return np.stack([_curves_and_loops(residual.sensed[:, row]) for row in rows], axis=1)
 
 
 def switched_gains(residual: Residual, sensor: int) -> list[Pattern]:
@@ -264,7 +252,7 @@ def _own_fields(residual: Residual, sensor: int) -> Iterator[Pattern]:
     rows = sensor_rows(sensor)
     for axis, row in enumerate(rows):
         yield of_axis("own_field", sensor, axis, _beyond(residual, row))
-    yield _at("own_field", residual, (sensor,), functions_of_readings(residual, rows.tolist(), False))
+    yield _at("own_field", residual, (sensor,), functions_of_readings(residual, rows.tolist()))
 
 
 def _beyond(residual: Residual, row: int) -> FloatArray:

@@ -400,17 +400,6 @@ def test_laws_of_two_sensors_that_are_not_one_stay_apart(run):
     assert found["own_field"] == (4,) and found["gain"] == (2,)
 
 
-def test_a_curve_that_begins(run):
-    """An axis that is bent from some moment on is a law of its reading, which a gain that steps is not."""
-    clean = run(samples=600)
-    after, own = clean.recording.time_s > 33, along_axis(clean, 2, 1)
-    (bent,) = signature(clean.with_row(7, after * 5e-9 * np.exp(6 * (own / np.abs(own).max() - 1))))
-    assert (bent.law, bent.course, bent.sensors, bent.axes) == ("own_field", "step", (3,), ("y",))
-    assert bent.times_s == pytest.approx((33.0,), abs=0.5)
-    (scaled,) = signature(clean.with_row(7, after * 1e-4 * own))
-    assert (scaled.law, scaled.course) == ("gain", "step")
-
-
 def test_a_tone_whose_pace_wanders(run):
     """Of a rotor: its phase walks by a radian within some turns, and the tone is one of an offset all the same."""
     clean = run(samples=900)
