@@ -28,10 +28,10 @@ from rich.table import Table
 
 from tam_calibration.files.text_files import write_whole
 from tam_calibration.fit import METHODS
-from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.ellipsoid import free_scale, normalize
 from tam_calibration.fit.information import bound
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.problem import closed_form
 from tam_calibration.model.recording import Recording
 from tam_calibration.model.sensor_errors import SensorErrors, measure_residuals
 from tam_calibration.model.units import FloatArray, from_degrees, from_nanotesla

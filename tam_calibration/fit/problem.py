@@ -23,19 +23,19 @@ from tam_calibration.core.least_squares import Normal, whitening
 from tam_calibration.core.noise import WHITE, VarianceFactors
 from tam_calibration.correction.acceptance import are_possible
 from tam_calibration.correction.calibration import Calibration
-from tam_calibration.fit.closed_form import closed_form
-from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize
+from tam_calibration.fit.ellipsoid import Normalized, free_scale, normalize, principal_form
 from tam_calibration.fit.estimate import student_noises
 from tam_calibration.fit.gyroscope_likelihood import GyroscopeLikelihood
 from tam_calibration.fit.gyroscope_path import GyroscopeState, GyroscopeUse
 from tam_calibration.fit.information import descend, free_basis, inverted, rows_by_unknowns
 from tam_calibration.fit.likelihood import Likelihood, likelihood_of
+from tam_calibration.fit.moments import into_frame_of_first
 from tam_calibration.fit.prior import Prior
 from tam_calibration.fit.recorded_attitude import AttitudeLikelihood, WorldView
 from tam_calibration.model.array import KnownNoiseArray
 from tam_calibration.model.exceptions import Refused
 from tam_calibration.model.geomagnetic_field import LOCAL_STANDARD_ERROR_T
-from tam_calibration.model.recording import SampleSource
+from tam_calibration.model.recording import SKETCH, SampleSource
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.model.units import FloatArray
 
@@ -142,6 +142,19 @@ class Place(NamedTuple):
     errors: SensorErrors
     intensity_T: float
     motion: MotionState | None = None
+
+
+def closed_form(data: Normalized, vector_noise: FloatArray, scalar_noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return what ``principal_form`` tells of some samples in the frame of sensor 1: where the iteration starts.
+
+    Raises
+    ------
+    InputError
+        When the readings determine no ellipsoid, or sensors are mirror images of others.
+    """
+    some = data if data.source.sample_count <= SKETCH else replace(data, source=data.source.thinned(SKETCH))
+    matrix, bias = principal_form(some, vector_noise, scalar_noise)
+    return into_frame_of_first(matrix[None])[0], bias
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from tam_calibration.core.noise import WHITE
 from tam_calibration.correction.calibration import Calibration
 from tam_calibration.fit.change_within import Span, find_change, steady_intensity
-from tam_calibration.fit.closed_form import principal_form
 from tam_calibration.fit.consistency import LEAVE_OUT, PARTS_APART
-from tam_calibration.fit.ellipsoid import normalize, sphere_center
+from tam_calibration.fit.ellipsoid import normalize, principal_form, sphere_center
 from tam_calibration.fit.maximum_likelihood import estimate
 from tam_calibration.model.array import Array, KnownNoiseArray
 from tam_calibration.model.exceptions import InputError, Refused

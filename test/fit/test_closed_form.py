@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tam_calibration.fit.closed_form import closed_form
 from tam_calibration.fit.ellipsoid import normalize
 from tam_calibration.fit.maximum_likelihood import maximum_likelihood
+from tam_calibration.fit.problem import closed_form
 from tam_calibration.model.sensor_errors import SensorErrors
 from tam_calibration.simulation import simulate
 
