@@ -28,9 +28,8 @@ _SHARES = {
 
 _EVERYWHERE = (
     *("ambient_gradient", "platform_field"),
-    *("rising_barge", "breathing_diver"),
     *("emptying_bottle", "belt_drive"),
-    "shifted_battery",
+    *("shifted_battery", "dropped_ballast"),
 )
 """What disturbs all sensors leaves none to another cause."""
 

@@ -9,7 +9,7 @@ from tam_validation.blind.disturbance import Entry
 from tam_validation.blind.outside import OUTSIDE
 from tam_validation.blind.outside_fifteenth import FIFTEENTH
 from tam_validation.blind.outside_fourteenth import FOURTEENTH
-from tam_validation.blind.outside_thirteenth import THIRTEENTH
+from tam_validation.blind.outside_sixteenth import SIXTEENTH
 
 _DRAWS = {
     name: draw
@@ -32,10 +32,10 @@ pumped scalars without compensation; an hour of a magnetic storm; a magnet at a 
 spikes of twice the field; the steps of a phone's converter; elsewhere a fifth of the field, past which nobody
 calibrates."""
 
-OUTSIDE_SETS = dict(zip(SETS, (OUTSIDE, THIRTEENTH, FOURTEENTH, FIFTEENTH), strict=True))
+OUTSIDE_SETS = dict(zip(SETS, (OUTSIDE, FOURTEENTH, FIFTEENTH, SIXTEENTH), strict=True))
 """The causes outside the library, set by set."""
 
-CAUSES = CATALOGUE | OUTSIDE | THIRTEENTH | FOURTEENTH | FIFTEENTH
+CAUSES = CATALOGUE | OUTSIDE | FOURTEENTH | FIFTEENTH | SIXTEENTH
 """Every cause that a case may hold."""
 
 LAWS: dict[str, dict[str, list[str]]] = tomllib.loads(Path(__file__).with_name("laws.toml").read_text(encoding="utf-8"))

@@ -28,14 +28,11 @@ from tam_validation.blind.disturbance import (
     proportional,
 )
 from tam_validation.blind.material import low_pass
-from tam_validation.blind.processes import TimeFunction, draw_wander
+from tam_validation.blind.processes import draw_wander
 from tam_validation.blind.scene import Scene
 
 _Course = Callable[[Generator, Scene, int], FloatArray]
 """Draws what is added to a sensor (N, 3), of the size of one."""
-
-_FINE = 2000
-"""Steps of the heat."""
 
 _LEAST_FALLS, _TRIES = 4, 50
 """Least number of falls (with fewer it is a bias jump), and attempts to draw so many."""
@@ -151,25 +148,12 @@ def polled_sensor(rng: Generator, scene: Scene) -> Disturbance:
     sensor = draw_sensor(rng, scene)
     slip = rng.uniform(0, 0.4) * draw_wander(rng, scene.duration_s, 6)(scene.time_s)
     late = rng.choice([-1.0, 1.0]) * ((rng.uniform(8, 40) * scene.time_s / scene.duration_s + slip) % 1 - 0.5) * 12**0.5
-    return read_late(scene, "polled_sensor", sensor, late)
-
-
-def read_late(scene: Scene, effect: str, sensor: int, late: FloatArray) -> Disturbance:
-    """Return a cause that lets a sensor read what was there before, by so many times (N,) the amplitude in seconds."""
 
     def change(amplitude: float, _seen: object) -> Signal:
         read = scene.readings_at(scene.time_s - amplitude * late)[:, sensor]
         return of_sensors(scene, {sensor: read - scene.readings_T[:, sensor]})
 
-    return Disturbance(effect, (sensor + 1,), (), change, "s", {})
-
-
-def followed(rng: Generator, scene: Scene, heating: TimeFunction) -> FloatArray:
-    """Return how warm (N,) matter is that follows a heating late, of mean zero and standard deviation one."""
-    lag_s = scene.duration_s * 10 ** rng.uniform(-2.0, -1.2)
-    fine_s = np.linspace(-5 * lag_s, scene.duration_s, _FINE)
-    warm = np.interp(scene.time_s, fine_s, low_pass(heating(fine_s), lag_s, fine_s))
-    return np.asarray((warm - warm.mean()) / warm.std())
+    return Disturbance("polled_sensor", (sensor + 1,), (), change, "s", {})
 
 
 def gyroscopic_shift(rng: Generator, scene: Scene) -> Disturbance:

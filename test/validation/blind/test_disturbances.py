@@ -8,7 +8,13 @@ from tam_validation.blind.catalogue import CAUSES
 from tam_validation.blind.material import _bouc_wen, _diffused, _preisach, low_pass
 
 DRAWS = {name: entry.draw for name, entry in CAUSES.items()}
-AMPLITUDES = {"of the samples": 0.1, "samples a stretch": 8.0, "T of the band": 1e-6, "s between the bytes": 0.01}
+AMPLITUDES = {
+    "of the samples": 0.1,
+    "samples a stretch": 8.0,
+    "T of the band": 1e-6,
+    "s between the bytes": 0.01,
+    "of the limit": 0.1,
+}
 """By their units, where neither 1e-4 nor, for what the recorder does, 1e-9 is an amplitude."""
 
 
