@@ -352,7 +352,7 @@ def principal_form(data: Normalized, vector_noise: FloatArray, scalar_noise: flo
     """Return what principal components and an ellipsoid tell of the sensors, in any common frame.
 
     The ellipsoid is fitted twice, the second time with the variance that the sensors' scale factors give each
-    direction. In a uniform field of steady intensity what is left to the iteration is far below the standard errors.
+    direction. In a uniform field of steady intensity the iteration changes it by far less than a standard error.
 
     Parameters
     ----------

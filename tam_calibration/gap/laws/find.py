@@ -147,7 +147,7 @@ class Found:
         return residual.taking(self.residual.live).scaled(self.residual.noise**-0.5)
 
 
-def predictive_laws(residual: Residual, whole: float, most: int = 3) -> tuple[list[Found], Residual]:
+def predictive_laws(residual: Residual, whole: float, most: int) -> tuple[list[Found], Residual]:
     """Return the laws that predict samples from others, the strongest first, and the residual without them.
 
     Parameters
@@ -157,7 +157,7 @@ def predictive_laws(residual: Residual, whole: float, most: int = 3) -> tuple[li
     whole : float
         Energy of the gap, of which the laws have their shares.
     most : int
-        Laws beside each other, from which on no more are sought.
+        Number of laws at which the search ends.
     """
     start, found = residual, list[Found]()
     again = repeats(residual.pose) or near_repeats(residual)
